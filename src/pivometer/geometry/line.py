@@ -1,0 +1,70 @@
+"""Lines in space, as a point and a unit direction each (the paper's a τ + b)."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pivometer._arrays import Floats, checked
+from pivometer.errors import ShapeError
+
+
+def unit(vectors: ArrayLike, name: str = "directions") -> Floats:
+    """Return `vectors`, shape (..., 3), scaled to unit length.
+
+    Raises
+    ------
+    ShapeError
+        If a vector has no length.
+
+    Examples
+    --------
+    >>> unit([0.0, 3.0, 4.0])
+    array([0. , 0.6, 0.8])
+    """
+    array = checked(vectors, (-1, 3), name)
+    scale = np.abs(array).max(axis=-1, keepdims=True)
+    if (scale == 0).any():
+        raise ShapeError(f"{name} holds a vector of zero length", next_step="remove it")
+    array = array / scale
+    normalized: Floats = array / np.linalg.norm(array, axis=-1, keepdims=True)
+    return normalized
+
+
+def nearest_points_on_lines(
+    point_mm: ArrayLike, points_mm: ArrayLike, directions: ArrayLike
+) -> Floats:
+    """Return the point of each line nearest to `point_mm`, shape (n, 3), mm.
+
+    Parameters
+    ----------
+    point_mm
+        The point, shape (3,), mm.
+    points_mm, directions
+        A point on each line (mm) and its direction, shape (n, 3), same frame; the directions
+        need not be of unit length.
+    """
+    point = checked(point_mm, (3,), "point_mm")
+    origins = checked(points_mm, (None, 3), "points_mm")
+    axes = unit(directions)
+    tau = np.einsum("ij,ij->i", point - origins, axes)
+    nearest: Floats = origins + tau[:, None] * axes
+    return nearest
+
+
+def distances_to_lines(point_mm: ArrayLike, points_mm: ArrayLike, directions: ArrayLike) -> Floats:
+    """Return the distance of a point from each line, shape (n,), mm: the paper's ‖dᵢᶜ‖ in (1).
+
+    Parameters
+    ----------
+    point_mm
+        The point, shape (3,), mm.
+    points_mm, directions
+        A point on each line (mm) and its direction, shape (n, 3), same frame.
+
+    Examples
+    --------
+    >>> distances_to_lines([0, 0, 1], [[0, 2, 0]], [[1, 0, 0]])
+    array([2.23606798])
+    """
+    nearest = nearest_points_on_lines(point_mm, points_mm, directions)
+    distance: Floats = np.linalg.norm(nearest - checked(point_mm, (3,), "point_mm"), axis=1)
+    return distance

@@ -1,0 +1,147 @@
+"""What one measurement of a session says: the same names and content as ``result.json``."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pivometer.calibration.board import Board
+from pivometer.calibration.procedure import Calibration
+from pivometer.rcm.result import Finding, RcmSolution
+from pivometer.shaft.edges import ShaftEdges
+from pivometer.shaft.triangulation import Centerline
+from pivometer.uncertainty.propagation import LocationUncertainty
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseDistances:
+    """Distance of one centerline from the two RCM points, mm: the RCM error of that pose."""
+
+    minimax: float
+    least_squares: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UsedPose:
+    """A pose that counts.
+
+    Parameters
+    ----------
+    pose
+        The file stem of its images.
+    centerline
+        The triangulated centerline, reference camera's frame, mm.
+    distance_mm
+        Its distance from both RCM points, mm.
+    dihedral_deg
+        Angle between the two centerline planes that differ most, deg.
+    diameters_mm
+        The shaft's diameter as seen by each camera, in the order of `edges`, mm.
+    edges
+        The fitted edges, one entry per camera.
+    """
+
+    pose: str
+    centerline: Centerline
+    distance_mm: PoseDistances
+    dihedral_deg: float
+    diameters_mm: tuple[float, ...]
+    edges: tuple[ShaftEdges, ...]
+    status: str = "used"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RejectedPose:
+    """A pose that does not count, and why.
+
+    Parameters
+    ----------
+    pose
+        The file stem of its images.
+    reason
+        What is wrong with it, with the numbers and the camera or file.
+    next_step
+        What to do about it.
+    edges
+        The edges that were found all the same, one entry per camera that found them.
+    """
+
+    pose: str
+    reason: str
+    next_step: str
+    edges: tuple[ShaftEdges, ...] = ()
+    status: str = "rejected"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setup:
+    """What the session says of itself.
+
+    Parameters
+    ----------
+    session
+        The folder's name.
+    board
+        The calibration board.
+    diameter_mm
+        The shaft's nominal diameter, mm; `None` where the session does not state one.
+    device, operator
+        Free-form tables of ``session.toml``.
+    notes
+        Free text.
+    """
+
+    session: str
+    board: Board
+    diameter_mm: float | None
+    device: Mapping[str, object]
+    operator: Mapping[str, object]
+    notes: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measurement:
+    """The measured RCM with its error, its uncertainty and everything it rests on.
+
+    Parameters
+    ----------
+    rcm
+        Both RCM points. ``rcm.least_squares.covariance_mm2`` is the whole covariance of the
+        location: scatter of the centerlines plus calibration.
+    uncertainty
+        That covariance in its parts, and the expanded uncertainty.
+    poses
+        Every pose of the session, used or rejected, in the session's order.
+    findings
+        What weakens the answer, in plain words.
+    calibration
+        The rig and its quality.
+    setup
+        What the session says of itself.
+    inputs
+        SHA-256 of every file used, by its path relative to the session folder.
+    software
+        ``pivometer`` and the version.
+    """
+
+    rcm: RcmSolution
+    uncertainty: LocationUncertainty
+    poses: tuple[UsedPose | RejectedPose, ...]
+    findings: tuple[Finding, ...]
+    calibration: Calibration
+    setup: Setup
+    inputs: Mapping[str, str]
+    software: str
+
+    @property
+    def reference_camera(self) -> str:
+        """The camera whose frame all coordinates are in."""
+        return self.calibration.rig.reference
+
+    @property
+    def used(self) -> tuple[UsedPose, ...]:
+        """The poses that count."""
+        return tuple(pose for pose in self.poses if isinstance(pose, UsedPose))
+
+    @property
+    def rejected(self) -> tuple[RejectedPose, ...]:
+        """The poses that do not count."""
+        return tuple(pose for pose in self.poses if isinstance(pose, RejectedPose))
