@@ -6,6 +6,9 @@ from numpy.typing import ArrayLike
 from pivometer._arrays import Floats, checked
 from pivometer.errors import DataError
 
+_LARGEST_RADIUS = 1e3
+"""A normalized radius no lens reaches: 89.94° off the axis."""
+
 
 def distort(normalized: ArrayLike, beta: ArrayLike) -> Floats:
     """Return the distorted image q_d = (1 + β₁ r² + β₂ r⁴) q_n, shape (..., 2).
@@ -57,9 +60,11 @@ def fold_radius(beta: ArrayLike) -> float:
     inf
     """
     beta1, beta2 = checked(beta, (2,), "beta")
-    roots = np.roots([5 * beta2, 3 * beta1, 1.0])  # d(r + β₁r³ + β₂r⁵)/dr = 0, in r²
-    real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
-    return float(np.sqrt(real.min())) if real.size else float("inf")
+    # d(r + β₁r³ + β₂r⁵)/dr = 1 + 3β₁s + 5β₂s² = 0 with s = r², in the form that never cancels.
+    discriminant = 9 * beta1**2 - 20 * beta2
+    denominator = -3 * beta1 + np.sqrt(max(discriminant, 0.0))
+    folds = discriminant >= 0 and denominator > 2 / _LARGEST_RADIUS**2
+    return float(np.sqrt(2 / denominator)) if folds else float("inf")
 
 
 def undistort(distorted: ArrayLike, beta: ArrayLike) -> Floats:
@@ -89,8 +94,8 @@ def undistort(distorted: ArrayLike, beta: ArrayLike) -> Floats:
     points = checked(distorted, (-1, 2), "distorted")
     beta1, beta2 = checked(beta, (2,), "beta")
     target = np.linalg.norm(points, axis=-1)
-    fold = fold_radius(beta)
-    reach = fold * (1 + fold**2 * (beta1 + fold**2 * beta2)) if np.isfinite(fold) else np.inf
+    fold = min(fold_radius(beta), _LARGEST_RADIUS)
+    reach = fold * (1 + fold**2 * (beta1 + fold**2 * beta2))
     if (target >= reach).any():
         raise DataError(
             f"{int((target >= reach).sum())} image points lie beyond normalized radius "
@@ -99,17 +104,16 @@ def undistort(distorted: ArrayLike, beta: ArrayLike) -> Floats:
         )
     radius = np.minimum(target, 0.999 * fold)
     low, high = np.zeros_like(target), np.full_like(target, fold)
-    for _ in range(60):
+    for _ in range(100):
         r2 = radius**2
         miss = radius * (1 + r2 * (beta1 + r2 * beta2)) - target
         low, high = np.where(miss < 0, radius, low), np.where(miss > 0, radius, high)
         newton = radius - miss / (1 + r2 * (3 * beta1 + r2 * 5 * beta2))
-        bracketed = (newton >= low) & (newton <= high)
-        halved = np.where(np.isfinite(high), (low + high) / 2, 2 * radius + target)
-        step = np.where(bracketed, newton, halved)
-        if (np.abs(step - radius) <= 4e-16 * np.maximum(radius, 1e-3)).all():
-            break
+        step = np.where((newton >= low) & (newton <= high), newton, (low + high) / 2)
+        settled = np.abs(step - radius) <= 4e-16 * np.maximum(radius, 1e-3)
         radius = step
+        if settled.all():
+            break
     scale = np.divide(radius, target, out=np.ones_like(target), where=target > 0)
     undistorted: Floats = points * scale[..., None]
     return undistorted

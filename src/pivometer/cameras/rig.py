@@ -41,7 +41,8 @@ class Rig:
         object.__setattr__(self, "cameras", tuple(cameras))
         object.__setattr__(self, "reference_from_camera", tuple(reference_from_camera))
         names = {camera.name for camera in cameras}
-        if len(cameras) < 2 or len(names) != len(cameras) != len(reference_from_camera):
+        counts = {len(names), len(cameras), len(reference_from_camera)}
+        if len(cameras) < 2 or len(counts) > 1:
             raise ShapeError(
                 f"a rig of {len(cameras)} cameras, {len(names)} names and "
                 f"{len(reference_from_camera)} transforms",
