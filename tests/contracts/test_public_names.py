@@ -56,6 +56,6 @@ def test_every_function_the_conventions_name_exists_and_cites_its_equation(equat
 def test_every_equation_of_the_paper_has_a_row():
     cited = " ".join(equation for equation, _ in equation_rows())
     numbers = set()
-    for first, last in re.findall(r"\((\d+)(?:–(\d+))?\)", cited):
+    for first, last in re.findall(r"\((\d+)\)(?:–\((\d+)\))?", cited):
         numbers |= set(range(int(first), int(last or first) + 1))
     assert numbers == set(range(1, 23))

@@ -1,0 +1,1 @@
+"""Performance and accuracy, side by side with peers; each file prints its tables."""

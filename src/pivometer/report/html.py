@@ -1,0 +1,211 @@
+"""The report as one HTML file that asks no host for anything."""
+
+import base64
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from importlib.resources import files
+
+from markupsafe import Markup
+
+from pivometer._arrays import Floats, checked, read_only
+from pivometer.measurement import Measurement, RejectedPose, UsedPose
+from pivometer.report import setup_tables, tables
+from pivometer.report.chart import pose_chart
+from pivometer.report.digits import error_decimals, fixed
+from pivometer.report.overlays import PosePicture, pose_pictures
+from pivometer.report.scene import scene, scene_picture
+from pivometer.report.tables import Table
+from pivometer.report.target import deciding_poses, mean_shaft_view, target_plot
+from pivometer.report.thumbnails import Thumbnail
+from pivometer.report.verdict import verdict
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Provenance:
+    """Where a report comes from; the inputs' hashes are in the measurement.
+
+    Parameters
+    ----------
+    versions
+        Version of every piece of software that took part, by name.
+    command
+        The command line, or what was called.
+    created
+        When the measurement was made, with its time zone.
+    """
+
+    versions: Mapping[str, str]
+    command: str
+    created: datetime
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedTruth:
+    """What is known of a simulated session.
+
+    Parameters
+    ----------
+    point_mm
+        The true RCM, shape (3,), mm, in the reference camera's frame.
+    max_mm, rms_mm
+        The simulated robot's true distances from that point, mm.
+    """
+
+    point_mm: Floats
+    max_mm: float
+    rms_mm: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point_mm", read_only(checked(self.point_mm, (3,), "point_mm")))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Card:
+    """One pose in the gallery."""
+
+    anchor: str
+    number: int
+    name: str
+    worst: bool
+    facts: tuple[tuple[str, str], ...]
+    reason: str
+    next_step: str
+    pictures: tuple[PosePicture, ...]
+    edges: Table
+
+
+def render_html(
+    measurement: Measurement,
+    *,
+    thumbnails: Mapping[tuple[str, str], Thumbnail],
+    provenance: Provenance,
+    simulated_truth: SimulatedTruth | None = None,
+) -> str:
+    """Return the report of a measurement as the text of one HTML file.
+
+    The file holds its styles, pictures and script, and forbids every request to a host. It can be
+    read on paper, in light and dark, and without JavaScript or colour.
+
+    Parameters
+    ----------
+    measurement
+        What to report. Nothing is computed here that it does not hold.
+    thumbnails
+        Pictures by (pose, camera); a missing one is left out.
+    provenance
+        Versions, command and date.
+    simulated_truth
+        For a simulated session: adds how far the answer is from the truth.
+
+    Returns
+    -------
+    str
+        The page, to be written as UTF-8.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("pivometer.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    script = _asset("viewer.js")
+    return environment.get_template("report.html.j2").render(
+        m=measurement,
+        provenance=provenance,
+        created=provenance.created.strftime("%Y-%m-%d %H:%M %Z").strip(),
+        style=_asset("report.css"),
+        script=script,
+        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
+        **_figures(measurement),
+        **_tables(measurement),
+        truth=None if simulated_truth is None else _truth_table(measurement, simulated_truth),
+        cards=[_card(pose, measurement, thumbnails, n) for n, pose in _numbered(measurement)],
+    )
+
+
+def _asset(name: str) -> Markup:
+    text = files("pivometer.report").joinpath("templates", name).read_text(encoding="utf-8")
+    return Markup(text)  # noqa: S704 – our own file, no user text in it
+
+
+def _numbered(measurement: Measurement) -> list[tuple[int, UsedPose | RejectedPose]]:
+    """Return the poses numbered from 1 in the session's order, as everywhere in the report."""
+    return list(enumerate(measurement.poses, start=1))
+
+
+def _figures(measurement: Measurement) -> dict[str, object]:
+    numbers = [n for n, pose in _numbered(measurement) if isinstance(pose, UsedPose)]
+    shown = scene(measurement, numbers)
+    return {
+        "target": target_plot(measurement, numbers),
+        "view": mean_shaft_view(measurement),
+        "chart": pose_chart(measurement),
+        "scene_far": scene_picture(shown, 1, "scene"),
+        "scene_near": scene_picture(shown, shown.near_zoom, "scene-near"),
+        "near_zoom": shown.near_zoom,
+    }
+
+
+def _tables(measurement: Measurement) -> dict[str, object]:
+    numbers = {pose.pose: n for n, pose in _numbered(measurement)}
+    return {
+        "verdict": verdict(measurement),
+        "location": tables.location_table(measurement),
+        "misses": tables.miss_table(measurement),
+        "paper": tables.paper_table(measurement),
+        "poses": tables.pose_table(measurement, numbers),
+        "rejected": tables.rejected_table(measurement),
+        "cameras": setup_tables.camera_table(measurement),
+        "relative_pose": setup_tables.relative_pose_table(measurement),
+        "lengths": setup_tables.length_table(measurement),
+        "views": setup_tables.view_table(measurement),
+        "setup": setup_tables.setup_table(measurement),
+        "inputs": tables.input_table(measurement.inputs),
+        "anchors": {name: f"pose-{n}" for name, n in numbers.items()},
+    }
+
+
+def _card(
+    pose: UsedPose | RejectedPose,
+    measurement: Measurement,
+    thumbnails: Mapping[tuple[str, str], Thumbnail],
+    number: int,
+) -> _Card:
+    return _Card(
+        anchor=f"pose-{number}",
+        number=number,
+        name=pose.pose,
+        worst=pose.pose in deciding_poses(measurement),
+        facts=tables.pose_facts(pose, measurement) if isinstance(pose, UsedPose) else (),
+        reason="" if isinstance(pose, UsedPose) else pose.reason,
+        next_step="" if isinstance(pose, UsedPose) else pose.next_step,
+        pictures=pose_pictures(pose, measurement, thumbnails),
+        edges=tables.edge_table(pose),
+    )
+
+
+def _truth_table(measurement: Measurement, truth: SimulatedTruth) -> Table:
+    """Tabulate the answer beside the simulated truth."""
+    rcm = measurement.rcm
+    decimals = error_decimals([truth.rms_mm, rcm.least_squares.rms_mm])
+    pairs: Sequence[tuple[str, float, float]] = (
+        *(
+            (f"{axis}, mm", float(rcm.least_squares.point_mm[i]), float(truth.point_mm[i]))
+            for i, axis in enumerate("xyz")
+        ),
+        ("largest miss (max), mm", rcm.minimax.max_mm, truth.max_mm),
+        ("rms miss, mm", rcm.least_squares.rms_mm, truth.rms_mm),
+    )
+    return Table(
+        "Simulated session: the answer beside the truth",
+        ("quantity", "measured", "truth", "difference"),
+        tuple(
+            (name, fixed(ours, decimals), fixed(true, decimals), fixed(ours - true, decimals))
+            for name, ours, true in pairs
+        ),
+    )

@@ -1,0 +1,230 @@
+"""The tables of a report, as plain text: number formats are decided here and nowhere else."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pivometer.measurement import Measurement, RejectedPose, UsedPose
+from pivometer.report.digits import decimals_of, error_decimals, fixed, small, uncertainty_text
+from pivometer.report.target import deciding_poses
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """A table with its caption.
+
+    Parameters
+    ----------
+    caption
+        What it holds, with the unit and frame.
+    columns
+        Column headings; the first stands over the row headings.
+    rows
+        Cells; the first of each row is its heading.
+    note
+        What a reader must know to use it.
+    """
+
+    caption: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+
+
+def location_table(measurement: Measurement) -> Table:
+    """Tabulate both RCM points with the expanded uncertainty of the location and its parts."""
+    uncertainty, rcm = measurement.uncertainty, measurement.rcm
+    decimals = [decimals_of(float(expanded)) for expanded in uncertainty.expanded_mm]
+    parts_u = [
+        np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        for covariance in (uncertainty.lines_mm2, uncertainty.calibration_mm2)
+    ]
+    rows = [
+        (
+            axis,
+            fixed(rcm.least_squares.point_mm[i], decimals[i]),
+            uncertainty_text(uncertainty.expanded_mm[i]),
+            uncertainty_text(parts_u[0][i]),
+            uncertainty_text(parts_u[1][i]),
+            fixed(rcm.minimax.point_mm[i], decimals[i]),
+        )
+        for i, axis in enumerate("xyz")
+    ]
+    return Table(
+        f"RCM location in the frame of camera “{measurement.reference_camera}”, mm",
+        (
+            "axis",
+            "least squares",
+            f"± U (k = {uncertainty.coverage_factor:.2f})",
+            "u from the centerlines",
+            "u from the calibration",
+            "minimax",
+        ),
+        tuple(rows),
+        "U is the expanded uncertainty of the least-squares point, each axis by itself: "
+        f"{100 * uncertainty.coverage:.0f} % coverage, "
+        f"{_freedom(uncertainty.degrees_of_freedom)}; u are standard uncertainties, combined as "
+        "the root of the sum of squares. The frame has x to the right, y down and z forward.",
+    )
+
+
+def miss_table(measurement: Measurement) -> Table:
+    """Tabulate max and rms at both points, their separation and the certificate."""
+    rcm = measurement.rcm
+    minimax, squares = rcm.minimax, rcm.least_squares
+    decimals = error_decimals([minimax.max_mm, minimax.rms_mm, squares.rms_mm])
+    return Table(
+        "RCM error at both points, mm",
+        ("quantity", "minimax", "least squares"),
+        (
+            (
+                "largest miss (max)",
+                fixed(minimax.max_mm, decimals),
+                fixed(squares.max_mm, decimals),
+            ),
+            ("rms miss", fixed(minimax.rms_mm, decimals), fixed(squares.rms_mm, decimals)),
+        ),
+        f"The two points are {fixed(rcm.separation_mm, decimals)} mm apart. The minimax value is "
+        f"proved least to a relative gap of {small(minimax.certificate_gap)}. The directions of "
+        f"the {len(measurement.used)} poses fill a cone of {rcm.cone_deg:.0f}° apex angle. Misses "
+        "are as observed: they hold the instrument's own error too. Of that, the calibration adds "
+        "a standard uncertainty of "
+        f"{uncertainty_text(measurement.uncertainty.max_calibration_u_mm)} mm to the max and "
+        f"{uncertainty_text(measurement.uncertainty.rms_calibration_u_mm)} mm to the rms from the "
+        "least-squares point.",
+    )
+
+
+def paper_table(measurement: Measurement) -> Table:
+    """Tabulate the result in the form of the paper's Table I, the paper's own figures beside it."""
+    rcm, lengths = measurement.rcm, measurement.calibration.edge_length_error
+    decimals = error_decimals([lengths.rms_mm, rcm.minimax.rms_mm, rcm.least_squares.rms_mm])
+
+    def row(name: str, ours: tuple[float, float, float], paper: tuple[str, ...]) -> tuple[str, ...]:
+        return (name, *(fixed(value, decimals) for value in ours), *paper)
+
+    return Table(
+        "RCM evaluation results in the form of the paper's Table I, mm",
+        (
+            "",
+            "Calibration",
+            "this measurement, minimax",
+            "this measurement, least squares",
+            "paper: Calibration",
+            "paper: Gold Standard",
+            "paper: da Vinci",
+        ),
+        (
+            row(
+                "error (max)",
+                (lengths.max_mm, rcm.minimax.max_mm, rcm.least_squares.max_mm),
+                ("0.253", "0.391", "7.086"),
+            ),
+            row(
+                "error (rms)",
+                (lengths.rms_mm, rcm.minimax.rms_mm, rcm.least_squares.rms_mm),
+                ("0.130", "0.145", "3.010"),
+            ),
+        ),
+        "The three columns headed “paper” are the figures Wilson et al. printed for their own "
+        "set-up; they are not results of this measurement. “Calibration” is the error of the "
+        "reconstructed edges of the board.",
+    )
+
+
+def pose_table(measurement: Measurement, numbers: Mapping[str, int]) -> Table:
+    """Tabulate every used pose, the worst first."""
+    used = sorted(measurement.used, key=lambda pose: -pose.distance_mm.minimax)
+    worst = deciding_poses(measurement)
+    rcm = measurement.rcm
+    decimals = error_decimals([rcm.minimax.rms_mm, rcm.least_squares.rms_mm])
+    names = [camera.name for camera in measurement.calibration.rig.cameras]
+    rows = [
+        (
+            pose.pose,
+            str(numbers[pose.pose]),
+            fixed(pose.distance_mm.minimax, decimals),
+            fixed(pose.distance_mm.least_squares, decimals),
+            f"{pose.dihedral_deg:.1f}",
+            *(f"{diameter:.3f}" for diameter in pose.diameters_mm),
+            "▲ max" if pose.pose in worst else "",
+        )
+        for pose in used
+    ]
+    return Table(
+        "Distance of every centerline from the RCM, worst first",
+        (
+            "pose",
+            "no.",
+            "minimax, mm",
+            "least squares, mm",
+            "dihedral angle, °",
+            *(f"diameter {name}, mm" for name in names),
+            "",
+        ),
+        tuple(rows),
+    )
+
+
+def rejected_table(measurement: Measurement) -> Table:
+    """Tabulate the rejected poses with their reasons and next steps."""
+    return Table(
+        "Poses that do not count",
+        ("pose", "reason", "next step"),
+        tuple((pose.pose, pose.reason, pose.next_step) for pose in measurement.rejected),
+    )
+
+
+def pose_facts(pose: UsedPose, measurement: Measurement) -> tuple[tuple[str, str], ...]:
+    """Return the figures of one pose that belong to no camera."""
+    rcm = measurement.rcm
+    decimals = error_decimals([rcm.minimax.rms_mm, rcm.least_squares.rms_mm])
+    return (
+        ("minimax", f"{fixed(pose.distance_mm.minimax, decimals)} mm"),
+        ("least squares", f"{fixed(pose.distance_mm.least_squares, decimals)} mm"),
+        ("dihedral angle", f"{pose.dihedral_deg:.1f}°"),
+    )
+
+
+def edge_table(pose: UsedPose | RejectedPose) -> Table:
+    """Tabulate what each camera's edges of one pose measured."""
+    diameters: tuple[str, ...] = ("–",) * len(pose.edges)
+    if isinstance(pose, UsedPose):
+        diameters = tuple(f"{value:.3f}" for value in pose.diameters_mm)
+    rows = [
+        (
+            edges.camera,
+            diameter,
+            " / ".join(f"{sigma:.3f}" for sigma in edges.sigma_px),
+            " / ".join(f"{grey:.0f}" for grey in edges.contrast),
+            f"{edges.blur_px:.2f}",
+            f"{edges.residual_px:.3f}",
+            " / ".join(f"{100 * part:.0f}" for part in edges.used_part),
+        )
+        for edges, diameter in zip(pose.edges, diameters, strict=True)
+    ]
+    return Table(
+        f"Edges of pose {pose.pose}",
+        (
+            "camera",
+            "diameter, mm",
+            "edge u, px",
+            "contrast, grey",
+            "blur, px",
+            "residual, px",
+            "used, %",
+        ),
+        tuple(rows),
+    )
+
+
+def input_table(inputs: Mapping[str, str]) -> Table:
+    """Tabulate the SHA-256 of every input."""
+    return Table("SHA-256 of every file used", ("file", "SHA-256"), tuple(sorted(inputs.items())))
+
+
+def _freedom(degrees: float) -> str:
+    if not np.isfinite(degrees):
+        return "no limit to its degrees of freedom"
+    return f"{degrees:.0f} degrees of freedom"

@@ -1,0 +1,76 @@
+"""The answer in one sentence of plain words, with its numbers and what was rejected."""
+
+from dataclasses import dataclass
+
+from pivometer.measurement import Measurement
+from pivometer.report.digits import error_decimals, fixed, with_uncertainty
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdict:
+    """What the report opens with.
+
+    Parameters
+    ----------
+    usable
+        False where a finding refuses the answer.
+    sentence
+        The largest and the rms miss over how many poses, and where the RCM is; without any number
+        where the answer is refused.
+    rejected
+        What was thrown out, in one sentence.
+    """
+
+    usable: bool
+    sentence: str
+    rejected: str
+
+
+def verdict(measurement: Measurement) -> Verdict:
+    """Say what a measurement found.
+
+    The largest miss is that of the minimax point, the rms miss and the location those of the
+    least-squares point, whose covariance is known: each number is the least of its kind.
+    """
+    usable = all(finding.severity != "refusal" for finding in measurement.findings)
+    sentence = f"{_misses(measurement)} {_location(measurement)}"
+    if not usable:
+        sentence = (
+            "The RCM could not be measured at acceptable confidence; the figures below show what "
+            "was seen and must not be used."
+        )
+    return Verdict(usable, sentence, _rejected(measurement))
+
+
+def _misses(measurement: Measurement) -> str:
+    rcm = measurement.rcm
+    decimals = error_decimals([rcm.minimax.max_mm, rcm.least_squares.rms_mm])
+    return (
+        f"Over {len(measurement.used)} poses the shaft's centerline misses the RCM by at most "
+        f"{fixed(rcm.minimax.max_mm, decimals)} mm "
+        f"({fixed(rcm.least_squares.rms_mm, decimals)} mm rms)."
+    )
+
+
+def _location(measurement: Measurement) -> str:
+    uncertainty = measurement.uncertainty
+    location = ", ".join(
+        with_uncertainty(float(value), float(expanded))
+        for value, expanded in zip(
+            measurement.rcm.least_squares.point_mm, uncertainty.expanded_mm, strict=True
+        )
+    )
+    return (
+        f"The RCM lies at ({location}) mm in the frame of camera “{measurement.reference_camera}” "
+        f"({100 * uncertainty.coverage:.0f} % coverage, k = {uncertainty.coverage_factor:.2f})."
+    )
+
+
+def _rejected(measurement: Measurement) -> str:
+    count, whole = len(measurement.rejected), len(measurement.poses)
+    if count == 0:
+        return f"None of the {whole} poses was rejected."
+    names = ", ".join(pose.pose for pose in measurement.rejected[:6])
+    more = f" and {count - 6} more" if count > 6 else ""
+    verb = "was" if count == 1 else "were"
+    return f"{count} of {whole} poses {verb} rejected ({names}{more}); the reasons are below."
