@@ -13,7 +13,15 @@ from pivometer.uncertainty.propagation import LocationUncertainty
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseDistances:
-    """Distance of one centerline from the two RCM points, mm: the RCM error of that pose."""
+    """Distance of one centerline from the two RCM points, mm: the RCM error of that pose.
+
+    Parameters
+    ----------
+    minimax
+        From the minimax point.
+    least_squares
+        From the least-squares point.
+    """
 
     minimax: float
     least_squares: float
@@ -37,6 +45,8 @@ class UsedPose:
         The shaft's diameter as seen by each camera, in the order of `edges`, mm.
     edges
         The fitted edges, one entry per camera.
+    status
+        ``"used"``.
     """
 
     pose: str
@@ -62,6 +72,8 @@ class RejectedPose:
         What to do about it.
     edges
         The edges that were found all the same, one entry per camera that found them.
+    status
+        ``"rejected"``.
     """
 
     pose: str

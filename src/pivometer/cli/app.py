@@ -1,0 +1,213 @@
+"""The commands. What they need is imported when they run, so that ``--help`` is quick."""
+
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import App, CycloptsError, Parameter
+from cyclopts.validators import Number
+
+from pivometer._version import __version__
+from pivometer.cli.faults import tell_fault, tell_internal, tell_interrupted, tell_usage
+from pivometer.errors import PivometerError, UsageError
+
+Method = Literal["joint", "paper"]
+
+app = App(
+    name="pivometer",
+    help="Measure the remote center of motion (RCM) of a surgical robot with two cameras or more.",
+    help_epilogue="Exit codes: 0 done, 2 wrong usage or configuration, 3 data unfit for an answer.",
+    help_format="plaintext",
+    version=f"pivometer {__version__}",
+    suppress_keyboard_interrupt=False,
+    print_error=False,
+    exit_on_error=False,
+    help_on_error=False,
+    result_action="return_value",
+)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command; whatever goes wrong becomes a message and an exit code."""
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # we say ourselves what is wrong
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a terminal without "±" gets a stand-in, not a crash
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        app(list(arguments))
+    except PivometerError as error:
+        return tell_fault(error)
+    except CycloptsError as error:
+        return tell_usage(error)
+    except KeyboardInterrupt:
+        return tell_interrupted()
+    except BrokenPipeError:  # the reader, such as `head`, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except Exception as error:  # the last resort: a message, never a traceback
+        if os.environ.get("PIVOMETER_DEBUG"):
+            raise
+        return tell_internal(error)
+    return 0
+
+
+@app.command(
+    help_prologue="""\
+Example:  pivometer demo
+          renders pictures of a simulated robot, measures them,
+          and says how far the answer is from the truth.
+"""
+)
+def demo(folder: Annotated[Path, Parameter(name="DIR")] = Path("pivometer-demo"), /) -> None:
+    """Render a small session, measure it and write the report.
+
+    Parameters
+    ----------
+    folder
+        Folder to make; a demo that is there is replaced.
+    """
+    from pivometer import pipeline
+    from pivometer.cli.progress import progress_bar
+    from pivometer.cli.show import show_demo
+
+    with progress_bar() as progress:
+        outcome = pipeline.demo(folder, progress=progress)
+    show_demo(outcome)
+
+
+@app.command(
+    help_prologue="""\
+Example:  pivometer simulate davinci my-session --poses 30 --seed 1
+          pivometer measure my-session
+"""
+)
+def simulate(
+    preset: Annotated[Literal["gold", "davinci", "micro"], Parameter(name="PRESET")],
+    folder: Annotated[Path, Parameter(name="DIR")],
+    /,
+    *,
+    poses: Annotated[int | None, Parameter(validator=Number(gte=3))] = None,
+    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
+) -> None:
+    """Render a session whose truth is known, in DIR/truth.json.
+
+    Parameters
+    ----------
+    preset
+        gold: a spherical bearing; davinci: an arm with assembly errors; micro: the same small.
+    folder
+        Session folder to make; a simulated session that is there is replaced.
+    poses
+        Number of robot poses; the preset's own, 70, where none is given.
+    seed
+        Another seed gives another robot of the same kind, other poses and other noise.
+    """
+    from pivometer import pipeline
+    from pivometer.cli.progress import progress_bar
+    from pivometer.cli.show import say
+
+    with progress_bar() as progress:
+        made = pipeline.simulate(preset, folder, poses=poses, seed=seed, progress=progress)
+    say(f"Session: {made}", f"Next:    pivometer measure {made}")
+
+
+@app.command(
+    help_prologue="""\
+Example:  pivometer calibrate my-session
+          writes my-session/results/rig.json and prints how good the calibration is.
+"""
+)
+def calibrate(
+    session: Annotated[Path, Parameter(name="SESSION")], /, *, method: Method = "joint"
+) -> None:
+    """Calibrate the cameras of a session from its board views.
+
+    Parameters
+    ----------
+    session
+        Folder with session.toml and board/<camera>/<view>.png.
+    method
+        joint: all cameras and views adjusted together; paper: the paper's two steps.
+    """
+    from pivometer import pipeline
+    from pivometer.cli.progress import progress_bar
+    from pivometer.cli.show import show_calibration
+
+    loaded = pipeline.load(session)
+    with progress_bar() as progress:
+        calibration = pipeline.calibrate(loaded, method=method, progress=progress)
+    path = pipeline.write_calibration(calibration, session / "results")
+    show_calibration(calibration, path, ignored=loaded.ignored)
+
+
+@app.command(
+    help_prologue="""\
+Example:  pivometer measure my-session
+          pivometer measure other-session --rig my-session/results/rig.json
+"""
+)
+def measure(
+    session: Annotated[Path, Parameter(name="SESSION")],
+    /,
+    *,
+    output: Path | None = None,
+    rig: Path | None = None,
+    method: Method | None = None,
+) -> None:
+    """Measure the RCM of a session and write the report.
+
+    Writes result.json, centerlines.csv, rig.json and report.html.
+
+    Parameters
+    ----------
+    session
+        Folder with session.toml, board/ and shaft/<camera>/<pose>.png.
+    output
+        Folder for the results; SESSION/results where none is given.
+    rig
+        The rig.json of an earlier calibration; calibrates first where none is given.
+    method
+        How to calibrate: joint, which is used where none is given, or paper.
+    """
+    from pivometer import pipeline
+    from pivometer.cli.progress import progress_bar
+    from pivometer.cli.show import show_measurement
+    from pivometer.io.result import read_rig
+
+    if rig is not None and method is not None:
+        raise UsageError(
+            "--method says how to calibrate, but --rig gives a calibration",
+            next_step="leave out one of them",
+        )
+    loaded = pipeline.load(session)
+    known = None if rig is None else read_rig(rig)
+    folder = session / "results" if output is None else output
+    if folder.exists() and not folder.is_dir():
+        raise UsageError("is a file", next_step="name a folder for the results", path=folder)
+    options = {"--output": output, "--rig": rig, "--method": method}
+    given = [str(word) for option in options.items() if option[1] is not None for word in option]
+    command = shlex.join(["pivometer", "measure", str(session), *given])
+    with progress_bar() as progress:
+        measurement = pipeline.measure(
+            loaded, rig=known, method=method or "joint", progress=progress
+        )
+        files = pipeline.write_measurement(
+            measurement, loaded, folder, command=command, progress=progress
+        )
+    show_measurement(measurement, files, ignored=loaded.ignored)
+
+
+@app.command(
+    help_prologue="""\
+Example:  pivometer schema > result.schema.json
+"""
+)
+def schema() -> None:
+    """Print the JSON Schema of result.json."""
+    import json
+
+    from pivometer.io.schema import schema as result_schema
+
+    sys.stdout.write(json.dumps(result_schema(), indent=2, ensure_ascii=False) + "\n")

@@ -1,0 +1,30 @@
+"""What ``pivometer`` says of itself before anything else is imported.
+
+The page is text, not made from the commands, so that it is there at once;
+a test holds it against the commands.
+"""
+
+FRONT_PAGE = """\
+Example:  pivometer measure my-session
+          reads the pictures in my-session, prints where the robot pivots, how
+          far it misses and what was rejected, and writes a report:
+          my-session/results/report.html
+          No pictures yet?  pivometer demo
+
+Usage: pivometer COMMAND
+
+Measure the remote center of motion (RCM) of a surgical robot with two cameras
+or more.
+
+Commands:
+  demo       Render a small session, measure it and write the report.
+  simulate   Render a session whose truth is known, in DIR/truth.json.
+  calibrate  Calibrate the cameras of a session from its board views.
+  measure    Measure the RCM of a session and write the report.
+  schema     Print the JSON Schema of result.json.
+
+  pivometer COMMAND --help says more, with an example.
+  pivometer --version prints the version.
+
+Exit codes: 0 done, 2 wrong usage or configuration, 3 data unfit for an answer.
+"""

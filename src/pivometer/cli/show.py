@@ -1,0 +1,134 @@
+"""Results on the terminal: short, with units; nothing in them is read as markup."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table as TerminalTable
+from rich.text import Text
+
+from pivometer.calibration import Calibration
+from pivometer.measurement import Measurement
+from pivometer.report.digits import error_decimals, fixed, with_uncertainty
+from pivometer.report.tables import Table, location_table, miss_table, rejected_table
+from pivometer.report.verdict import verdict
+
+if TYPE_CHECKING:
+    from pivometer.pipeline import DemoOutcome
+
+_PARAMETERS = ("f·s_x, px", "f·s_y, px", "o_x, px", "o_y, px", "β₁", "β₂")
+
+
+def say(*lines: str) -> None:
+    """Print lines as they are: paths are not broken, so they can be copied."""
+    console = Console()
+    for line in lines:
+        console.print(Text(line), soft_wrap=True)
+
+
+def show_table(table: Table) -> None:
+    """Print a table of the report."""
+    shown = TerminalTable(
+        title=Text(table.caption), title_justify="left", title_style="bold", box=SIMPLE_HEAD
+    )
+    for number, column in enumerate(table.columns):
+        numeric = number > 0 and all(
+            row[number][:1].isdigit() or row[number][:1] in "-–" for row in table.rows
+        )
+        shown.add_column(Text(column), justify="right" if numeric else "left")
+    for row in table.rows:
+        shown.add_row(*(Text(cell) for cell in row))
+    Console().print(shown)
+
+
+def show_measurement(
+    measurement: Measurement, files: Mapping[str, Path], *, ignored: Sequence[str] = ()
+) -> None:
+    """Print the verdict, both points, what was rejected and where the files are."""
+    told = verdict(measurement)
+    say(told.sentence, told.rejected, "")
+    show_table(location_table(measurement))
+    show_table(miss_table(measurement))
+    if measurement.rejected:
+        show_table(rejected_table(measurement))
+    for finding in measurement.findings:
+        say(f"{finding.severity}: {finding.text}; next: {finding.next_step}")
+    _say_ignored(ignored)
+    width = max(map(len, files), default=0) + 2
+    say(*(f"{name + ':':{width}}{path}" for name, path in files.items()))
+
+
+def show_calibration(calibration: Calibration, path: Path, *, ignored: Sequence[str] = ()) -> None:
+    """Print the cameras, the rig's quality, what was rejected and where the file is."""
+    show_table(_camera_table(calibration))
+    show_table(_length_table(calibration))
+    rig = calibration.rig
+    for camera, baseline in zip(rig.cameras[1:], rig.baselines_mm, strict=True):
+        say(f"Camera {camera.name} stands {baseline:.2f} mm from camera {rig.reference}.")
+    if calibration.rejected:
+        rows = tuple((view.camera, view.view, view.reason) for view in calibration.rejected)
+        show_table(Table("Rejected board views", ("camera", "view", "reason"), rows))
+    say(*(f"note: {note}" for note in calibration.notes))
+    _say_ignored(ignored)
+    say(f"rig: {path}")
+
+
+def show_demo(outcome: "DemoOutcome") -> None:
+    """Print the demo's answer beside the truth that only a simulation knows."""
+    told = verdict(outcome.measurement)
+    place = "inside" if outcome.inside_95 else "outside"
+    say(
+        told.sentence,
+        told.rejected,
+        "",
+        f"The truth is known here: the stated RCM is {outcome.location_error_mm:.3f} mm from it, "
+        f"{place} its 95 % uncertainty region.",
+        f"report: {outcome.report}",
+    )
+
+
+def _say_ignored(ignored: Sequence[str]) -> None:
+    if ignored:
+        more = f" and {len(ignored) - 5} more" if len(ignored) > 5 else ""
+        say(f"not images, left alone: {', '.join(ignored[:5])}{more}")
+
+
+def _camera_table(calibration: Calibration) -> Table:
+    """Tabulate each camera's parameters with their standard uncertainties, and its fit."""
+    quality = {camera.name: camera for camera in calibration.cameras}
+    cameras = [(camera, quality[camera.name]) for camera in calibration.rig.cameras]
+    rows = [
+        (
+            name,
+            *(
+                with_uncertainty(float(camera.parameters[i]), float(fit.parameters_u[i]))
+                for camera, fit in cameras
+            ),
+        )
+        for i, name in enumerate(_PARAMETERS)
+    ]
+    rows += [
+        ("rms, px", *(f"{fit.rms_px:.3f}" for _, fit in cameras)),
+        ("board views", *(str(fit.view_count) for _, fit in cameras)),
+    ]
+    return Table(
+        "Cameras (value ± standard uncertainty)",
+        ("", *(camera.name for camera, _ in cameras)),
+        tuple(rows),
+    )
+
+
+def _length_table(calibration: Calibration) -> Table:
+    """Tabulate the error of reconstructed board edges: Table I, first column."""
+    errors = {"all pairs": calibration.edge_length_error, "held out": calibration.held_out}
+    decimals = error_decimals([error.rms_mm for error in errors.values()])
+    return Table(
+        f"Reconstructed board edges of {calibration.board.square_mm:g} mm, error",
+        ("", "max, mm", "rms, mm", "edges"),
+        tuple(
+            (name, fixed(error.max_mm, decimals), fixed(error.rms_mm, decimals), str(error.count))
+            for name, error in errors.items()
+        ),
+    )

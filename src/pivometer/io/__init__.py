@@ -1,0 +1,1 @@
+"""Files: session folders and images in, results out."""
