@@ -1,0 +1,20 @@
+"""The remote center of motion of a set of lines: minimax (2)–(3) and least squares."""
+
+from pivometer.rcm.cone import cone_deg
+from pivometer.rcm.geometry_check import geometry_findings
+from pivometer.rcm.least_squares import least_squares_rcm
+from pivometer.rcm.minimax import minimax_rcm
+from pivometer.rcm.result import Finding, LeastSquaresRcm, MinimaxRcm, RcmSolution
+from pivometer.rcm.solution import solve
+
+__all__ = [
+    "Finding",
+    "LeastSquaresRcm",
+    "MinimaxRcm",
+    "RcmSolution",
+    "cone_deg",
+    "geometry_findings",
+    "least_squares_rcm",
+    "minimax_rcm",
+    "solve",
+]

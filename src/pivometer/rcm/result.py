@@ -1,0 +1,115 @@
+"""What solving for the RCM returns: both points of the paper, side by side."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pivometer._arrays import Floats, checked, read_only
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finding:
+    """What weakens an answer, in plain words.
+
+    Parameters
+    ----------
+    severity
+        ``"warning"``: the answer stands, with care. ``"refusal"``: the answer must not be used.
+    text
+        What was found, with the numbers.
+    next_step
+        What the user does about it.
+    """
+
+    severity: Literal["warning", "refusal"]
+    text: str
+    next_step: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MinimaxRcm:
+    """The RCM of (2)–(3): the point whose largest distance from the centerlines is smallest.
+
+    Parameters
+    ----------
+    point_mm
+        The point, shape (3,), mm, in the frame of the lines.
+    max_mm, rms_mm
+        Largest distance and root mean square of the distances of the lines from it, mm. The
+        largest distance is the least possible: no other point has a smaller one.
+    certificate_gap
+        How far `max_mm` can be above that least possible value, relative to it, proved by duality.
+        Zero means exact to rounding.
+    distances_mm
+        Distance of each line, shape (n,), mm.
+    active
+        Shape (k,), integers: the lines that decide, those with a positive weight in the
+        certificate; seldom more than four.
+    weights
+        Their weights, shape (k,), positive with sum 1. For every point q, Σ wᵢ dᵢ(q)² ≤
+        max dᵢ(q)²; so the least value of the left side bounds `max_mm`² from below.
+    """
+
+    point_mm: Floats
+    max_mm: float
+    rms_mm: float
+    certificate_gap: float
+    distances_mm: Floats
+    active: tuple[int, ...]
+    weights: Floats
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point_mm", read_only(checked(self.point_mm, (3,), "point_mm")))
+        for name in ("distances_mm", "weights"):
+            object.__setattr__(self, name, read_only(checked(getattr(self, name), (None,), name)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeastSquaresRcm:
+    """The paper's 2-norm RCM: the point with the least sum of squared distances from the lines.
+
+    Parameters
+    ----------
+    point_mm
+        The point, shape (3,), mm, in the frame of the lines.
+    covariance_mm2
+        Its covariance, shape (3, 3), mm².
+    max_mm, rms_mm
+        Largest distance and root mean square of the distances of the lines from it, mm.
+    distances_mm
+        Distance of each line, shape (n,), mm.
+    """
+
+    point_mm: Floats
+    covariance_mm2: Floats
+    max_mm: float
+    rms_mm: float
+    distances_mm: Floats
+
+    def __post_init__(self) -> None:
+        for name, shape in (
+            ("point_mm", (3,)),
+            ("covariance_mm2", (3, 3)),
+            ("distances_mm", (None,)),
+        ):
+            object.__setattr__(self, name, read_only(checked(getattr(self, name), shape, name)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RcmSolution:
+    """Both RCM points, their distance, and the cone that the lines fill.
+
+    Parameters
+    ----------
+    minimax, least_squares
+        The two points.
+    separation_mm
+        Distance between them, mm. For independent errors and 70 lines about 0.56 times the rms; it
+        vanishes only for symmetric sets of lines.
+    cone_deg
+        Apex angle of the smallest circular cone that holds all directions, signs ignored, deg.
+    """
+
+    minimax: MinimaxRcm
+    least_squares: LeastSquaresRcm
+    separation_mm: float
+    cone_deg: float
