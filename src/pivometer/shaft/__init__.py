@@ -1,0 +1,1 @@
+"""The shaft: finding it, fitting its edges, and its centerline in space."""

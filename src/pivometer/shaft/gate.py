@@ -1,0 +1,60 @@
+"""Whether what was found in a pose is the shaft: its diameter must be the same everywhere."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pivometer._arrays import Floats
+
+NOMINAL_TOLERANCE = 0.15
+"""A diameter further than this from the nominal one is another object, whatever the scale's error."""
+
+SPREAD_TOLERANCE = 0.03
+"""Relative difference from the session's median that is always allowed: 0.5 px on a shaft of 17 px,
+several times what an edge fitted on a shaded or shiny shaft is off."""
+
+
+def diameter_faults(
+    diameters_mm: Sequence[ArrayLike], *, nominal_mm: float | None = None
+) -> list[str | None]:
+    """Say for each pose why its diameters cannot be the shaft's, or `None` where they can.
+
+    Every camera measures the shaft's diameter in every pose. It is one number, so a value apart
+    from the others is a wrong edge, a wrong object, or two cameras that saw different moments.
+
+    Parameters
+    ----------
+    diameters_mm
+        For each pose the diameter from each camera, mm.
+    nominal_mm
+        The shaft's stated diameter, if known, mm.
+
+    Returns
+    -------
+    list of str or None
+        One entry per pose.
+
+    Examples
+    --------
+    >>> diameter_faults([[10.0, 10.1], [9.9, 10.0], [10.0, 7.0]])[2]
+    'the shaft measures 7.00 mm in one camera, 10.00 mm over the session'
+    """
+    if not diameters_mm:
+        return []
+    seen = [np.asarray(row, dtype=np.float64) for row in diameters_mm]
+    median = float(np.median(np.concatenate(seen)))
+    spread = 1.4826 * float(np.median(np.abs(np.concatenate(seen) - median)))
+    allowed = max(5 * spread, SPREAD_TOLERANCE * median)
+    return [_fault(row, median, allowed, nominal_mm) for row in seen]
+
+
+def _fault(row: Floats, median: float, allowed: float, nominal_mm: float | None) -> str | None:
+    worst = float(row[np.argmax(np.abs(row - median))])
+    if nominal_mm is not None:
+        farthest = float(row[np.argmax(np.abs(row - nominal_mm))])
+        if abs(farthest - nominal_mm) > NOMINAL_TOLERANCE * nominal_mm:
+            return f"the shaft measures {farthest:.2f} mm, not its stated {nominal_mm:.2f} mm"
+    if abs(worst - median) > allowed:
+        return f"the shaft measures {worst:.2f} mm in one camera, {median:.2f} mm over the session"
+    return None
