@@ -1,0 +1,20 @@
+"""One function per user task: the only place where all the rooms meet."""
+
+from pivometer.io.session import load
+from pivometer.pipeline.calibrating import calibrate
+from pivometer.pipeline.measuring import measure
+from pivometer.pipeline.simulating import DemoOutcome, demo, simulate, true_rcm
+from pivometer.pipeline.writing import write_calibration, write_measurement, write_target
+
+__all__ = [
+    "DemoOutcome",
+    "calibrate",
+    "demo",
+    "load",
+    "measure",
+    "simulate",
+    "true_rcm",
+    "write_calibration",
+    "write_measurement",
+    "write_target",
+]

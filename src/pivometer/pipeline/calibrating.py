@@ -1,0 +1,96 @@
+"""From a session's board images to its calibrated cameras."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+from pivometer.calibration import (
+    BoardView,
+    Calibration,
+    RejectedView,
+    calibrate_rig,
+    find_corners,
+)
+from pivometer.errors import DataError
+from pivometer.io.session import Session
+from pivometer.pipeline.reading import (
+    Progress,
+    ReadImage,
+    hashes,
+    in_threads,
+    read,
+    usable,
+    usual_size,
+)
+
+Method = Literal["joint", "paper"]
+"""How to calibrate: everything adjusted together, or the paper's two steps."""
+
+
+def calibrate(
+    session: Session, *, method: Method = "joint", progress: Progress | None = None
+) -> Calibration:
+    """Calibrate a session's cameras from its board views.
+
+    Parameters
+    ----------
+    session
+        What `load` returns.
+    method
+        ``"joint"`` adjusts all cameras and views together; ``"paper"`` is the paper's two steps,
+        (17)–(21).
+    progress
+        Called as ``progress(stage, done, total)``.
+
+    Returns
+    -------
+    Calibration
+        The rig in the reference camera's frame, its covariance and its quality; the views that were
+        rejected, each with its reason.
+
+    Raises
+    ------
+    CalibrationError
+        If the views do not determine the cameras.
+    ImageError
+        If a camera has no readable image.
+
+    References
+    ----------
+    Wilson et al., section IV, eqs. (17)–(22).
+    """
+    session.require("board")
+    reads = in_threads(read, list(session.board_images()), "reading boards", progress)
+    sizes = {
+        name: usual_size(name, [read for read in reads if read.file.camera == name])
+        for name in session.cameras
+    }
+    found = in_threads(
+        lambda read: _corners(read, session, sizes[read.file.camera]),
+        reads,
+        "finding boards",
+        progress,
+    )
+    calibration = calibrate_rig(
+        [view for view in found if isinstance(view, BoardView)],
+        session.board,
+        sizes,
+        reference=session.reference,
+        method=method,
+    )
+    unseen = tuple(view for view in found if isinstance(view, RejectedView))
+    return replace(
+        calibration,
+        rejected=unseen + calibration.rejected,
+        inputs=hashes(reads),
+    )
+
+
+def _corners(read: ReadImage, session: Session, size: tuple[int, int]) -> BoardView | RejectedView:
+    try:
+        image = usable(read, size)
+        return find_corners(image, session.board, camera=read.file.camera, view=read.file.view)
+    except DataError as error:
+        reason = f"{error.what}; next: {error.next_step}"
+        return RejectedView(read.file.camera, read.file.view, reason)

@@ -1,0 +1,255 @@
+"""From a session's shaft images to the RCM."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pivometer._version import SOFTWARE
+from pivometer.calibration import Calibration
+from pivometer.cameras import Camera, Rig
+from pivometer.errors import (
+    DataError,
+    DegenerateGeometryError,
+    ImageError,
+    ShaftNotFoundError,
+    TooFewPosesError,
+    UsageError,
+)
+from pivometer.io.images import Image
+from pivometer.io.session import Session
+from pivometer.measurement import Measurement, PoseDistances, RejectedPose, Setup, UsedPose
+from pivometer.pipeline.calibrating import Method, calibrate
+from pivometer.pipeline.reading import Progress, ReadImage, hashes, in_threads, read, usable
+from pivometer.rcm import geometry_findings, solve
+from pivometer.shaft.detection import SeedRejection, ShaftSeed, find_shaft
+from pivometer.shaft.edges import ShaftEdges, fit_edges
+from pivometer.shaft.gate import diameter_faults
+from pivometer.shaft.triangulation import Centerline, triangulate_centerline
+from pivometer.uncertainty import location_uncertainty
+
+
+def measure(
+    session: Session,
+    *,
+    rig: Calibration | None = None,
+    method: Method = "joint",
+    progress: Progress | None = None,
+) -> Measurement:
+    """Measure the RCM of a session.
+
+    Parameters
+    ----------
+    session
+        What `load` returns.
+    rig
+        A calibration of the session's cameras; made from its board views where none is given.
+    method
+        How to calibrate then: see `calibrate`.
+    progress
+        Called as ``progress(stage, done, total)``.
+
+    Returns
+    -------
+    Measurement
+        Both RCM points with their errors and uncertainty in the reference camera's frame, mm, and
+        every pose, used or rejected.
+
+    Raises
+    ------
+    DataError
+        If the data cannot support an answer: its subclasses say why.
+    UsageError
+        If the calibration is of other cameras.
+
+    References
+    ----------
+    Wilson et al., eqs. (1)–(16) and (22).
+    """
+    calibration = rig or calibrate(session, method=method, progress=progress)
+    _refuse_other_cameras(session, calibration.rig)
+    seen: dict[str, dict[str, ShaftEdges | DataError]] = {}
+    reads: list[ReadImage] = []
+    for camera in calibration.rig.cameras:
+        stage = f"reading {camera.name}"
+        frames = in_threads(read, list(session.shaft_images(camera.name)), stage, progress)
+        background = [read(file) for file in session.background_images(camera.name)]
+        seen[camera.name] = _edges(frames, camera, background, progress)
+        reads += [*frames, *background]
+    poses = _poses(session, calibration.rig, seen)
+    inputs = dict(calibration.inputs) | hashes(reads)
+    return _measurement(session, calibration, poses, inputs)
+
+
+def _refuse_other_cameras(session: Session, rig: Rig) -> None:
+    names = [camera.name for camera in rig.cameras]
+    if set(names) != set(session.cameras) or names[0] != session.reference:
+        raise UsageError(
+            f"the calibration is of cameras {', '.join(names)}, the first the reference; the "
+            f"session has {', '.join(session.cameras)}",
+            next_step="calibrate this session, or name its cameras as the calibration does",
+            path=session.folder,
+        )
+
+
+def _edges(
+    frames: Sequence[ReadImage],
+    camera: Camera,
+    background: Sequence[ReadImage],
+    progress: Progress | None,
+) -> dict[str, ShaftEdges | DataError]:
+    """Find and fit the shaft's edges in all frames of one camera; say what went wrong in others."""
+    size = camera.width, camera.height
+    outcomes: dict[str, ShaftEdges | DataError] = {}
+    images: dict[str, Image] = {}
+    for frame in frames:
+        try:
+            images[frame.stem] = usable(frame, size)
+        except ImageError as error:
+            outcomes[frame.stem] = error
+    empty = [usable(frame, size) for frame in background]
+    seeds = find_shaft(
+        list(images.values()),
+        background=np.median(empty, axis=0).astype(empty[0].dtype) if empty else None,
+    )
+
+    def fit(item: tuple[str, ShaftSeed | SeedRejection]) -> ShaftEdges | DataError:
+        pose, seed = item
+        if isinstance(seed, SeedRejection):
+            return ShaftNotFoundError(seed.reason, next_step=_SHAFT_ADVICE)
+        try:
+            return fit_edges(images[pose], camera, seed)
+        except DataError as error:
+            return error
+
+    found = list(zip(images, seeds, strict=True))
+    fitted = in_threads(fit, found, f"fitting edges {camera.name}", progress)
+    return outcomes | dict(zip(images, fitted, strict=True))
+
+
+_SHAFT_ADVICE = "look at this image: is the shaft in view, in focus and unlike what is behind it?"
+
+
+def _poses(
+    session: Session, rig: Rig, seen: Mapping[str, Mapping[str, ShaftEdges | DataError]]
+) -> list[Triangulated | RejectedPose]:
+    """Triangulate every pose that at least two cameras saw, and gate the shaft they saw."""
+    poses = [
+        _triangulated(pose, rig, {name: outcomes.get(pose) for name, outcomes in seen.items()})
+        for pose in session.shaft
+    ]
+    lines = [pose for pose in poses if isinstance(pose, Triangulated)]
+    faults = diameter_faults(
+        [line.centerline.diameters_mm for line in lines], nominal_mm=session.diameter_mm
+    )
+    wrong = {
+        line.pose: RejectedPose(line.pose, fault, _SHAFT_ADVICE, line.edges)
+        for line, fault in zip(lines, faults, strict=True)
+        if fault is not None
+    }
+    return [wrong.get(pose.pose, pose) for pose in poses]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Triangulated:
+    """A pose whose centerline is known, before the RCM is."""
+
+    pose: str
+    centerline: Centerline
+    edges: tuple[ShaftEdges, ...]
+
+
+def _triangulated(
+    pose: str, rig: Rig, seen: Mapping[str, ShaftEdges | DataError | None]
+) -> Triangulated | RejectedPose:
+    edges = tuple(found for found in seen.values() if isinstance(found, ShaftEdges))
+    if len(edges) < 2:
+        name, fault = next((n, f) for n, f in seen.items() if not isinstance(f, ShaftEdges))
+        if fault is None:
+            step = f"add {pose} to the images of camera {name}"
+            return RejectedPose(pose, f"camera {name} has no image of this pose", step, edges)
+        where = f" ({fault.path.name})" if fault.path else ""
+        return RejectedPose(pose, f"camera {name}{where}: {fault.what}", fault.next_step, edges)
+    try:
+        centerline = triangulate_centerline(
+            np.stack([found.normals for found in edges]),
+            [rig.reference_from_camera[rig.index(found.camera)] for found in edges],
+            covariances=np.stack([found.normals_covariance for found in edges]),
+        )
+    except DegenerateGeometryError as error:
+        return RejectedPose(pose, error.what, error.next_step, edges)
+    return Triangulated(pose, centerline, edges)
+
+
+def _measurement(
+    session: Session,
+    calibration: Calibration,
+    poses: Sequence[Triangulated | RejectedPose],
+    inputs: Mapping[str, str],
+) -> Measurement:
+    """Solve for the RCM and gather what the result rests on."""
+    lines = [pose for pose in poses if isinstance(pose, Triangulated)]
+    _refuse_few(poses, lines)
+    points = np.stack([line.centerline.point_mm for line in lines])
+    directions = np.stack([line.centerline.direction for line in lines])
+    rcm = solve(points, directions)
+    findings = geometry_findings(points, directions, rcm)
+    for finding in findings:
+        if finding.severity == "refusal":
+            raise DegenerateGeometryError(finding.text, next_step=finding.next_step)
+    uncertainty = location_uncertainty(
+        [line.edges for line in lines],
+        calibration.rig,
+        calibration.covariance,
+    )
+    best = replace(rcm.least_squares, covariance_mm2=uncertainty.total_mm2)
+    rcm = replace(rcm, least_squares=best)
+    rows = iter(zip(lines, rcm.minimax.distances_mm, rcm.least_squares.distances_mm, strict=True))
+    return Measurement(
+        rcm=rcm,
+        uncertainty=uncertainty,
+        poses=tuple(
+            pose if isinstance(pose, RejectedPose) else _used_pose(*next(rows)) for pose in poses
+        ),
+        findings=findings,
+        calibration=calibration,
+        setup=Setup(
+            session=session.folder.resolve().name,
+            board=session.board,
+            diameter_mm=session.diameter_mm,
+            device=session.device,
+            operator=session.operator,
+            notes=session.notes,
+        ),
+        inputs=inputs,
+        software=SOFTWARE,
+    )
+
+
+def _used_pose(line: Triangulated, minimax: float, least_squares: float) -> UsedPose:
+    return UsedPose(
+        pose=line.pose,
+        centerline=line.centerline,
+        distance_mm=PoseDistances(float(minimax), float(least_squares)),
+        dihedral_deg=float(np.degrees(line.centerline.dihedral_rad)),
+        diameters_mm=tuple(line.centerline.diameters_mm.tolist()),
+        edges=line.edges,
+    )
+
+
+def _refuse_few(
+    poses: Sequence[Triangulated | RejectedPose], lines: Sequence[Triangulated]
+) -> None:
+    if len(lines) >= 3:
+        return
+    rejected = [pose for pose in poses if isinstance(pose, RejectedPose)]
+    reasons = Counter(pose.reason for pose in rejected)
+    shown = "; ".join(f"{reason} ({n}×)" for reason, n in reasons.most_common(3))
+    raise TooFewPosesError(
+        f"{len(lines)} of {len(poses)} poses are usable, 3 are the least"
+        + (f": {shown}" if shown else ""),
+        next_step=rejected[0].next_step if rejected else "add poses under shaft/",
+    )

@@ -1,0 +1,135 @@
+"""Sessions whose truth is known, and the demo."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pivometer import simulation
+from pivometer.io.atomic import replaced_folder
+from pivometer.io.images import write_image
+from pivometer.io.session import load
+from pivometer.measurement import Measurement
+from pivometer.pipeline.measuring import measure
+from pivometer.pipeline.reading import Progress
+from pivometer.pipeline.writing import write_measurement
+from pivometer.rcm import RcmSolution, solve
+from pivometer.report.html import SimulatedTruth
+from pivometer.uncertainty import lies_within
+
+
+def simulate(
+    preset: str,
+    folder: Path | str,
+    *,
+    poses: int | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Path:
+    """Render a session whose truth is known into a folder.
+
+    Parameters
+    ----------
+    preset
+        ``"gold"``, ``"davinci"`` or ``"micro"``.
+    folder
+        Where to; an earlier simulation there is replaced, anything else is not.
+    poses
+        Number of poses; the preset's own where none is given.
+    seed
+        Seed of everything random.
+    progress
+        Called as ``progress(stage, done, total)``.
+    **options
+        Further options of `pivometer.simulation.simulate`.
+
+    Returns
+    -------
+    pathlib.Path
+        The session folder, with ``session.toml``, the images and ``truth.json``.
+    """
+    session = simulation.simulate(preset, poses=poses, seed=seed, **options)
+    with replaced_folder(folder, mark="truth.json") as root:
+        for done, (name, image) in enumerate(session, start=1):
+            write_image(root / name, image)
+            if progress is not None:
+                progress("rendering", done, session.image_count)
+        (root / "session.toml").write_text(session.session_toml, encoding="utf-8")
+        (root / "truth.json").write_text(json.dumps(session.truth, indent=1), encoding="utf-8")
+    return Path(folder)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DemoOutcome:
+    """What the demo measured, and how far that is from the truth.
+
+    Parameters
+    ----------
+    report
+        The report.
+    measurement
+        The measurement.
+    truth
+        The RCM of the simulated robot's true centerlines.
+    location_error_mm
+        Distance of the measured least-squares point from the true one, mm.
+    inside_95
+        Whether the true point lies inside the stated 95 % region.
+    """
+
+    report: Path
+    measurement: Measurement
+    truth: RcmSolution
+    location_error_mm: float
+    inside_95: bool
+
+
+def demo(folder: Path | str, *, progress: Progress | None = None) -> DemoOutcome:
+    """Render a small session, measure it, write the report and compare with the truth.
+
+    Parameters
+    ----------
+    folder
+        Where the session goes; its results go into ``results`` in it.
+    progress
+        Called as ``progress(stage, done, total)``.
+    """
+    root = simulate("gold", folder, poses=16, board_pairs=12, single_views=6, progress=progress)
+    session = load(root)
+    measured = measure(session, progress=progress)
+    truth = true_rcm(root)
+    point = truth.least_squares.point_mm
+    written = write_measurement(
+        measured,
+        session,
+        root / "results",
+        command="pivometer demo",
+        truth=SimulatedTruth(point, truth.least_squares.max_mm, truth.least_squares.rms_mm),
+        progress=progress,
+    )
+    error = measured.rcm.least_squares.point_mm - point
+    return DemoOutcome(
+        report=written["report.html"],
+        measurement=measured,
+        truth=truth,
+        location_error_mm=float(np.linalg.norm(error)),
+        inside_95=lies_within(
+            point,
+            measured.rcm.least_squares.point_mm,
+            measured.uncertainty.total_mm2,
+            degrees_of_freedom=measured.uncertainty.degrees_of_freedom,
+        ),
+    )
+
+
+def true_rcm(folder: Path | str) -> RcmSolution:
+    """Solve for the RCM of a simulated session's true centerlines, from its ``truth.json``."""
+    content = json.loads((Path(folder) / "truth.json").read_text(encoding="utf-8"))
+    lines = [pose["centerline"] for pose in content["poses"]]
+    points = np.array([line["point_mm"] for line in lines])
+    return solve(points, np.array([line["direction"] for line in lines]))

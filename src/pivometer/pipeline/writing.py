@@ -1,0 +1,122 @@
+"""Results on disk: all files of a run, or none."""
+
+from __future__ import annotations
+
+import platform
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from pivometer._version import SOFTWARE, __version__
+from pivometer.calibration import Board, Calibration
+from pivometer.errors import ImageError
+from pivometer.io.atomic import write_file, write_files
+from pivometer.io.result import centerlines_csv, result_text, rig_text
+from pivometer.io.session import ImageFile, Session
+from pivometer.io.sheet import sheet_content
+from pivometer.io.target import Paper, target_sheet
+from pivometer.measurement import Measurement
+from pivometer.pipeline.reading import Progress, in_threads, read
+from pivometer.report.html import Provenance, SimulatedTruth, render_html
+from pivometer.report.thumbnails import Thumbnail, make_thumbnail
+
+
+def write_calibration(calibration: Calibration, folder: Path | str) -> Path:
+    """Write ``rig.json`` into a folder, whole or not at all, and return its path."""
+    text = rig_text(calibration, software=SOFTWARE)
+    return write_files(folder, {"rig.json": text})["rig.json"]
+
+
+def write_measurement(
+    measurement: Measurement,
+    session: Session,
+    folder: Path | str,
+    *,
+    command: str = "pivometer.measure",
+    truth: SimulatedTruth | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Path]:
+    """Write a measurement's files: all of them, or none.
+
+    Parameters
+    ----------
+    measurement
+        What `measure` returned for `session`.
+    session
+        The session, whose images the report shows.
+    folder
+        Where to; made where it does not exist.
+    command
+        How it was made, for the report's provenance.
+    truth
+        What is known of a simulated session.
+    progress
+        Called as ``progress(stage, done, total)``.
+
+    Returns
+    -------
+    dict
+        Paths of ``result.json``, ``centerlines.csv``, ``rig.json`` and ``report.html`` by name.
+    """
+    report = render_html(
+        measurement,
+        thumbnails=_thumbnails(session, progress),
+        provenance=Provenance(_versions(), command, datetime.now(UTC)),
+        simulated_truth=truth,
+    )
+    return write_files(
+        folder,
+        {
+            "result.json": result_text(measurement),
+            "centerlines.csv": centerlines_csv(measurement),
+            "rig.json": rig_text(measurement.calibration, software=SOFTWARE),
+            "report.html": report,
+        },
+    )
+
+
+def _thumbnails(session: Session, progress: Progress | None) -> dict[tuple[str, str], Thumbnail]:
+    """Make a small picture of every shaft image that can be read."""
+
+    def thumbnail(file: ImageFile) -> Thumbnail | None:
+        outcome = read(file).outcome
+        return None if isinstance(outcome, ImageError) else make_thumbnail(outcome.image)
+
+    files = [(name, f) for name in session.cameras for f in session.shaft_images(name)]
+    made = in_threads(lambda item: thumbnail(item[1]), files, "drawing the report", progress)
+    return {
+        (file.view.rpartition("/")[2], name): picture
+        for (name, file), picture in zip(files, made, strict=True)
+        if picture is not None
+    }
+
+
+def _versions() -> dict[str, str]:
+    """Versions of what took part in the result."""
+    packages = ("numpy", "scipy", "opencv-python-headless")
+    return {
+        "pivometer": __version__,
+        "Python": platform.python_version(),
+        **{name: version(name) for name in packages},
+    }
+
+
+def write_target(board: Board, file: Path | str, *, paper: Paper = "A4") -> Path:
+    """Write a board to print, true to scale, and return the file's path.
+
+    Parameters
+    ----------
+    board
+        The board, with its nominal sizes.
+    file
+        Where to; the format is what its ending says, ``.pdf`` or ``.svg``.
+    paper
+        ``"A4"``, ``"A3"`` or ``"Letter"``; which way it lies follows from the board.
+
+    Raises
+    ------
+    UsageError
+        If the board does not fit on the paper, its markers do not exist, or the file cannot be
+        written or has another ending.
+    """
+    return write_file(file, sheet_content(target_sheet(board, paper=paper), file))

@@ -1,0 +1,217 @@
+"""Finding the shaft in one camera's frames without a click."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pivometer._arrays import Floats, checked, read_only
+from pivometer.shaft.background import (
+    SAMPLED_FRAMES,
+    Image,
+    MovingEdges,
+    StaticScene,
+    WorkingScale,
+    moving_edges,
+    sampled,
+    static_scene,
+    working_scale,
+)
+from pivometer.shaft.motion import (
+    MOST_PAIRS,
+    Motion,
+    PairTable,
+    at_pivot,
+    common_motion,
+    pair_table,
+)
+from pivometer.shaft.occlusion import cover
+from pivometer.shaft.pairs import (
+    LEAST_SUPPORT_PX,
+    EdgeLine,
+    EdgePair,
+    edge_lines,
+    edge_pairs,
+    same_line,
+)from pivometer.shaft.refit import refitted_edges
+
+TRUSTED_MEDIAN = 6
+LEAST_FRAMES = 3
+LEAST_LENGTH = 0.55
+ENOUGH_LENGTH = 0.9
+MOST_SPREADS = 3.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShaftSeed:
+    """Where a shaft's two silhouette edges roughly are in one image.
+
+    Parameters
+    ----------
+    edges_px
+        Two edges, each with two end points (x, y), shape (2, 2, 2), raw pixels, good to about
+        2 px. The end points of both edges run the same way along the shaft.
+
+    Examples
+    --------
+    >>> seed = ShaftSeed([[[10, 0], [10, 90]], [[20, 0], [20, 90]]])
+    >>> seed.edges_px[0, 1]
+    array([10., 90.])
+    """
+
+    edges_px: Floats
+
+    def __post_init__(self) -> None:
+        edges = read_only(checked(self.edges_px, (2, 2, 2), "edges_px"))
+        object.__setattr__(self, "edges_px", edges)
+
+
+@dataclass(frozen=True, slots=True)
+class SeedRejection:
+    """Why no shaft was accepted in one image.
+
+    Parameters
+    ----------
+    reason
+        One sentence with the numbers, without a full stop at the end.
+
+    Examples
+    --------
+    >>> SeedRejection("nothing differs from the background").reason
+    'nothing differs from the background'
+    """
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Frame:
+    """One frame's moving edges, the lines and pairs among them, and what those pairs hide."""
+
+    edges: MovingEdges
+    lines: list[EdgeLine]
+    pairs: list[EdgePair]
+    cover: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Search:
+    """What all frames of a camera have in common."""
+
+    scale: WorkingScale
+    scene: StaticScene
+    size_px: tuple[int, int]
+    centre_px: Floats
+    knows_background: bool
+
+    def frame(self, image: Image) -> _Frame:
+        copy = self.scale.copy(image)
+        edges = moving_edges(copy, self.scene)
+        return self._with_lines(copy, edges, edge_lines(edges, self.centre_px))
+
+    def again(self, image: Image, frame: _Frame, motion: Motion) -> _Frame:
+        """Search once more, only for lines that pass the pivot."""
+        extra = edge_lines(frame.edges, self.centre_px, motion.passing)
+        fresh = [line for line in extra if not any(same_line(line, old) for old in frame.lines)]
+        return self._with_lines(self.scale.copy(image), frame.edges, frame.lines + fresh)
+
+    def _with_lines(
+        self, copy: NDArray[np.uint16], edges: MovingEdges, lines: list[EdgeLine]
+    ) -> _Frame:
+        pairs = edge_pairs(lines, self.size_px)
+        share = np.ones(len(pairs))
+        if self.knows_background:
+            share = cover(pairs, copy, self.scene, self.centre_px)
+        return _Frame(edges, lines, pairs, share)
+
+
+def find_shaft(
+    images: Sequence[Image], *, background: Image | None = None
+) -> list[ShaftSeed | SeedRejection]:
+    """Find the shaft in one camera's frames, without any hint."""
+    if len(images) == 0:
+        return []
+    search = _search(images, background)
+    frames = [search.frame(image) for image in images]
+    if all(len(frame.edges.points_px) < LEAST_SUPPORT_PX for frame in frames):
+        reason = "nothing moves between the frames, so a moving shaft cannot be told from the rest"
+        return [SeedRejection(reason) for _ in images]
+    motion = _motion(frames)
+    if isinstance(motion, SeedRejection):
+        return [motion for _ in images]
+    return [
+        _chosen(image, frame, search, motion) for image, frame in zip(images, frames, strict=True)
+    ]
+
+
+def _search(images: Sequence[Image], background: Image | None) -> _Search:
+    scale = working_scale(images)
+    if background is not None:
+        copies = [scale.copy(background)]
+    else:
+        copies = [scale.copy(images[i]) for i in sampled(len(images), SAMPLED_FRAMES)]
+    height, width = copies[0].shape
+    known = background is not None or len(images) >= TRUSTED_MEDIAN
+    centre = np.array([(width - 1) / 2, (height - 1) / 2])
+    return _Search(scale, static_scene(copies), (width, height), centre, known)
+
+
+def _motion(frames: Sequence[_Frame]) -> Motion | SeedRejection:
+    table = pair_table([f.pairs for f in frames], [f.cover for f in frames], MOST_PAIRS)
+    motion = common_motion(table)
+    if motion is None or motion.frames < LEAST_FRAMES:
+        count = 0 if motion is None else motion.frames
+        return SeedRejection(
+            f"only {count} of {len(frames)} frames show two long parallel edges that turn about a "
+            f"common point with a constant width; {LEAST_FRAMES} are needed"
+        )
+    return motion
+
+
+def _chosen(
+    image: Image, frame: _Frame, search: _Search, motion: Motion
+) -> ShaftSeed | SeedRejection:
+    found = _best(frame, motion, ENOUGH_LENGTH)
+    if isinstance(found, str):
+        frame = search.again(image, frame, motion)
+        found = _best(frame, motion, LEAST_LENGTH)
+    if isinstance(found, str):
+        return SeedRejection(found)
+    edges = refitted_edges(found, frame.edges, search.centre_px)
+    return ShaftSeed(search.scale.raw_pixels(edges + search.centre_px))
+
+
+def _best(frame: _Frame, motion: Motion, least_length: float) -> EdgePair | str:
+    """Return the pair that fits the motion best, or why it is not the shaft."""
+    if not frame.pairs:
+        return "no two long parallel edges differ from the background"
+    table = pair_table([frame.pairs], [frame.cover])
+    best = int(np.argmax(motion.agreement(table)))
+    reason = _refusal(motion, table, best, least_length)
+    return frame.pairs[table.which[best]] if reason is None else reason
+
+
+def _refusal(motion: Motion, table: PairTable, best: int, least_length: float) -> str | None:
+    """Say why a frame's best pair is not the shaft, if it is not."""
+    away, width, _ = (values[best] for values in at_pivot(table, motion.pivot_px, 0.0))
+    away_spreads, width_spreads = (abs(values[best]) for values in motion.departures(table))
+    if away_spreads > MOST_SPREADS:
+        return (
+            f"no long parallel edges pass the other frames' pivot: the best pair misses it by "
+            f"{abs(away):.0f} px, {away_spreads:.1f} times the usual spread"
+        )
+    if width_spreads > MOST_SPREADS:
+        return (
+            f"no long parallel edges have the other frames' width of {motion.width_px:.1f} px at "
+            f"the pivot: the best pair has {width:.1f} px"
+        )
+    length = table.length[best]
+    if length < least_length * motion.length_px:
+        return (
+            f"only {length:.0f} px of both edges are visible, in the other frames "
+            f"{motion.length_px:.0f} px"
+        )
+    return None

@@ -1,0 +1,270 @@
+"""Straight lines among edge pixels, and pairs of them that could be a shaft's two edges."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pivometer._arrays import Floats
+from pivometer.shaft.background import MovingEdges
+
+ANGLE_BINS = 360
+SPREAD_BINS = 3
+"""An edge pixel votes for normals within ±3° of its gradient's: noise turns it by 2° (rms)."""
+
+MOST_TURN_COSINE = 0.955
+"""An edge pixel belongs to a line if its gradient is within 17° of the normal."""
+
+BANDS = ((3.0, False), (2.6, False), (2.2, True))
+"""Half-width of the band (px) that a line is fitted in and whether pixels of either polarity
+count, round by round. First only pixels of one polarity: of neighbouring lines, a silhouette and
+its highlight, every other one has the opposite polarity. Last both, because the polarity of a
+silhouette changes with what lies behind. The last band holds the bow of a distorted line (sagitta
+up to 4.2 px over the whole image, edges.md)."""
+
+FOCUS_PX = 1.2
+"""The fit's weights fall off over this distance, so that a highlight's edge 3 px away does not
+drag the line."""
+
+TIGHT_PX = 1.0
+"""Edge pixels of a true edge scatter by 0.3–0.5 px (rms) about the bowed line; those of a chance
+line through texture fill the whole band."""
+
+BIN_PX = 4.0
+WINDOW_BINS = 12
+"""A gap of up to half of this window (24 px) does not end an edge."""
+
+MOST_LINES = 40
+LEAST_SUPPORT_PX = 32.0
+MOST_TILT = 0.12
+"""Largest angle (rad) between a shaft's two edges; a 10 mm shaft pointing at a camera 480 mm away
+at 45° tapers by less."""
+
+LEAST_WIDTH_PX = 3.0
+MOST_WIDTH_FRACTION = 0.45
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeLine:
+    """A straight line n·x = offset among edge pixels, in pixels from the image's centre.
+
+    `occupied` says for every 4 px along u = (−n_y, n_x) whether an edge pixel lies there.
+    """
+
+    normal: Floats
+    offset_px: float
+    occupied: NDArray[np.bool_]
+
+    def reversed(self) -> EdgeLine:
+        """Return the same line with the opposite normal."""
+        return EdgeLine(-self.normal, -self.offset_px, self.occupied[::-1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgePair:
+    """Two edge lines that run side by side from `start_px` to `stop_px` along the first's u.
+
+    The middle line is n·x = offset_px; `middle_px` is its point half way, `width_px` the distance
+    of the edges there and `taper` the change of that distance a pixel along u; `length_px` is the
+    harmonic mean of the two edges' supports.
+    """
+
+    lines: tuple[EdgeLine, EdgeLine]
+    start_px: float
+    stop_px: float
+    length_px: float
+    edges_px: Floats
+    normal: Floats
+    offset_px: float
+    middle_px: Floats
+    width_px: float
+    taper: float
+
+    @property
+    def run_px(self) -> float:
+        """How far the two edges run side by side."""
+        return self.stop_px - self.start_px
+
+
+def edge_pair(
+    lines: tuple[EdgeLine, EdgeLine], start_px: float, stop_px: float, length_px: float
+) -> EdgePair:
+    """Return a pair with all that follows from its two lines and its ends."""
+    one, other = lines
+    normals = np.stack([one.normal, other.normal])
+    offsets = np.array([one.offset_px, other.offset_px])
+    along = normals[:, None, ::-1] * [-1, 1] * np.array([start_px, stop_px])[:, None]
+    edges = offsets[:, None, None] * normals[:, None] + along
+    size = float(np.hypot(*normals.sum(axis=0)))
+    normal = normals.sum(axis=0) / size
+    low, high = (edges[1] - edges[0]) @ normal
+    return EdgePair(
+        lines,
+        start_px,
+        stop_px,
+        length_px,
+        edges,
+        normal,
+        float(offsets.sum() / size),
+        edges.mean(axis=(0, 1)),
+        float(low + high) / 2,
+        float(high - low) / (stop_px - start_px),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Passing:
+    """Only lines that pass a point, in pixels from the image's centre, within a reach."""
+
+    point_px: Floats
+    reach_px: float
+
+
+def edge_lines(
+    edges: MovingEdges, centre_px: Floats, passing: Passing | None = None
+) -> list[EdgeLine]:
+    """Return the straight lines among the edge pixels, strongest first, none twice."""
+    points, directions = edges.points_px - centre_px, edges.directions
+    if passing is not None:
+        arm = points - passing.point_px
+        across = np.abs(np.einsum("ij,ij->i", arm, directions))
+        near = across < passing.reach_px + 0.12 * np.hypot(*arm.T)
+        points, directions = points[near], directions[near]
+    if len(points) < LEAST_SUPPORT_PX:
+        return []
+    reach = float(np.hypot(*centre_px)) + 2
+    lines: list[EdgeLine] = []
+    for normal, offset in _peaks(points, directions, reach, passing):
+        if any(_is_near(line, normal, offset) for line in lines):
+            continue
+        line = _fitted(points, directions, normal, offset, reach)
+        if line is not None and not any(same_line(line, other) for other in lines):
+            lines.append(line)
+    return lines
+
+
+def _peaks(
+    points: Floats, directions: Floats, reach: float, passing: Passing | None
+) -> list[tuple[Floats, float]]:
+    """Return (normal, offset) of the local maxima of the votes, strongest first."""
+    step = 2 * np.pi / ANGLE_BINS
+    angles = np.arctan2(directions[:, 1], directions[:, 0])
+    bins = np.floor(angles[:, None] / step).astype(np.intp)
+    bins = (bins + np.arange(-SPREAD_BINS, SPREAD_BINS + 1)) % ANGLE_BINS
+    theta = (np.arange(ANGLE_BINS) + 0.5) * step
+    normals = np.column_stack([np.cos(theta), np.sin(theta)])
+    offset = points[:, :1] * normals[bins, 0] + points[:, 1:] * normals[bins, 1]
+    width = int(2 * reach) + 1
+    flat = bins * width + np.floor(offset + reach).astype(np.intp)
+    votes = np.bincount(flat.ravel(), minlength=ANGLE_BINS * width).reshape(ANGLE_BINS, width)
+    padded = np.concatenate([votes[-2:], votes, votes[:2]]).astype(np.float64)
+    smooth = cv2.blur(padded, (3, 1)) * 3
+    top = cv2.dilate(smooth, np.ones((5, 3)))[2:-2]
+    smooth = smooth[2:-2]
+    if passing is not None:
+        offsets = np.arange(width) + 0.5 - reach
+        smooth *= np.abs(offsets - (normals @ passing.point_px)[:, None]) < passing.reach_px
+    found = np.argwhere((smooth == top) & (smooth >= 0.6 * LEAST_SUPPORT_PX))
+    order = np.argsort(-smooth[tuple(found.T)], kind="stable")[:MOST_LINES]
+    return [(normals[i], j + 0.5 - reach) for i, j in found[order]]
+
+
+def _fitted(
+    points: Floats, directions: Floats, normal: Floats, offset: float, reach: float
+) -> EdgeLine | None:
+    """Fit a line to the edge pixels around a peak; None where too few remain."""
+    close = np.abs(points @ normal - offset) < 3 * BANDS[0][0]
+    points, directions = points[close], directions[close]
+    for band, either in BANDS:
+        facing = directions @ normal
+        aligned = (np.abs(facing) if either else facing) > MOST_TURN_COSINE
+        near = (np.abs(points @ normal - offset) < band) & aligned
+        if near.sum() < 0.5 * LEAST_SUPPORT_PX:
+            return None
+        chosen = points[near]
+        weights = np.exp(-0.5 * ((chosen @ normal - offset) / FOCUS_PX) ** 2)[:, None]
+        mean = (weights * chosen).sum(axis=0) / weights.sum()
+        spread = chosen - mean
+        _, vectors = np.linalg.eigh((weights * spread).T @ spread)
+        normal = vectors[:, 0] if vectors[:, 0] @ normal > 0 else -vectors[:, 0]
+        offset = float(mean @ normal)
+    along = chosen @ np.array([-normal[1], normal[0]])
+    tight = np.abs(_bow_residual(along, chosen @ normal - offset)) < TIGHT_PX
+    half = int(reach / BIN_PX) + 1
+    occupied = np.zeros(2 * half, dtype=bool)
+    occupied[np.floor(along[tight] / BIN_PX).astype(np.intp) + half] = True
+    if occupied.sum() * BIN_PX < LEAST_SUPPORT_PX:
+        return None
+    return EdgeLine(normal, offset, occupied)
+
+
+def _bow_residual(along: Floats, across: Floats) -> Floats:
+    """Subtract the bow that lens distortion gives a long straight edge."""
+    middle, half = (along.max() + along.min()) / 2, max(np.ptp(along) / 2, 1.0)
+    x = (along - middle) / half
+    A = np.column_stack([np.ones(len(x)), x, x**2])
+    fit = np.zeros(3)
+    for _ in range(3):
+        weighted = A * np.exp(-0.5 * ((across - A @ fit) / FOCUS_PX) ** 2)[:, None]
+        fit = np.linalg.solve(weighted.T @ A + np.diag([0.0, 0.0, 3.0]), weighted.T @ across)
+    return across - A @ fit
+
+
+def same_line(one: EdgeLine, other: EdgeLine) -> bool:
+    """Tell whether two lines are the same edge: within 2 px at the middle and 0.03 rad."""
+    return _is_near(one, other.normal, other.offset_px)
+
+
+def _is_near(line: EdgeLine, normal: Floats, offset_px: float) -> bool:
+    facing = 1.0 if line.normal @ normal > 0 else -1.0
+    turn = float(line.normal[0] * normal[1] - line.normal[1] * normal[0])
+    return abs(turn) < 0.03 and abs(line.offset_px - facing * offset_px) < 2.0
+
+
+def edge_pairs(lines: list[EdgeLine], size_px: tuple[int, int]) -> list[EdgePair]:
+    """Return all pairs of lines that run side by side at a shaft's distance."""
+    most = MOST_WIDTH_FRACTION * min(size_px)
+    pairs = []
+    for both in _combinations(lines):
+        run = _common_run(*both)
+        if run is None:
+            continue
+        pair = edge_pair(both, *run)
+        least = pair.width_px - abs(pair.taper) * pair.run_px / 2
+        if least > LEAST_WIDTH_PX and pair.width_px < min(most, pair.run_px):
+            pairs.append(pair)
+    return pairs
+
+
+def _combinations(lines: list[EdgeLine]) -> Iterator[tuple[EdgeLine, EdgeLine]]:
+    """Yield nearly parallel lines with their normals the same way, the smaller offset first."""
+    for i, one in enumerate(lines):
+        for other in lines[i + 1 :]:
+            facing = other if one.normal @ other.normal > 0 else other.reversed()
+            turn = one.normal[0] * facing.normal[1] - one.normal[1] * facing.normal[0]
+            if abs(turn) < MOST_TILT:
+                first = one.offset_px < facing.offset_px
+                yield (one, facing) if first else (facing, one)
+
+
+def _common_run(one: EdgeLine, other: EdgeLine) -> tuple[float, float, float] | None:
+    """Return start, stop and mean support (px) where both lines are edges; None if nowhere."""
+    both = np.stack([one.occupied, other.occupied]).astype(np.float64)
+    kernel = np.full(WINDOW_BINS + 1, 1 / (WINDOW_BINS + 1))
+    density = np.stack([np.convolve(row, kernel, mode="same") for row in both])
+    dense = (density.min(axis=0) >= 0.15) & (density.sum(axis=0) >= 0.5)
+    steps = np.flatnonzero(np.diff(np.concatenate([[0], dense.view(np.int8), [0]])))
+    runs = [(both[:, a:b].sum(axis=1), a, b) for a, b in steps.reshape(-1, 2)]
+    if not runs:
+        return None
+    counts, begin, end = max(runs, key=lambda run: float(run[0].min()))
+    if counts.min() * BIN_PX < LEAST_SUPPORT_PX:
+        return None
+    filled = begin + np.flatnonzero(both[:, begin:end].any(axis=0))
+    zero = len(one.occupied) / 2
+    length = 2 * counts.prod() / counts.sum() * BIN_PX
+    return (filled[0] - zero) * BIN_PX, (filled[-1] + 1 - zero) * BIN_PX, float(length)

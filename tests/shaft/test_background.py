@@ -1,0 +1,68 @@
+"""What stands still is told from what moves."""
+
+import numpy as np
+import pytest
+
+from pivometer.shaft.background import (
+    GREY_UNITS,
+    WorkingScale,
+    moving_edges,
+    sampled,
+    static_scene,
+    working_scale,
+)
+
+
+def bar(column: int) -> np.ndarray:
+    """A static square and a bar that moves, in working grey units."""
+    image = np.full((120, 160), 800, dtype=np.uint16)
+    image[80:110, 10:40] = 2400
+    image[5:70, column : column + 30] = 3000
+    return image
+
+
+def test_only_the_moved_bar_has_moving_edges_even_where_it_hides_a_pixel_in_most_frames() -> None:
+    columns = (60, 66, 72, 78)
+    copies = [bar(column) for column in columns]
+    scene = static_scene(copies)
+    for copy, column in zip(copies, columns, strict=True):
+        points = moving_edges(copy, scene).points_px
+        assert points[:, 1].max() < 72
+        # The edge lies between two pixels, so that either of them is right.
+        for side in (column - 0.5, column + 29.5):
+            assert (np.abs(points[:, 0] - side) < 1.1).sum() >= 55
+
+
+def test_gradient_directions_are_unit_vectors_across_the_edge() -> None:
+    copies = [bar(column) for column in (50, 70, 90)]
+    edges = moving_edges(copies[0], static_scene(copies))
+    assert np.hypot(*edges.directions.T) == pytest.approx(1.0)
+    upright = np.abs(edges.points_px[:, 1] - 35) < 20
+    assert np.abs(edges.directions[upright, 0]) == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 8])
+def test_the_scene_is_the_median(count: int) -> None:
+    rng = np.random.default_rng(3)
+    copies = [rng.integers(0, GREY_UNITS, (40, 50)).astype(np.uint16) for _ in range(count)]
+    expected = np.median(np.stack(copies), axis=0)
+    assert static_scene(copies).grey == pytest.approx(np.floor(expected))
+
+
+def test_raw_pixels_undo_the_shrinking() -> None:
+    scale = WorkingScale(4, 0.0, 255.0)
+    image = np.zeros((41, 80), dtype=np.uint8)
+    image[8:12, 20:24] = 255
+    copy = scale.copy(image)
+    assert copy.shape == (10, 20)
+    (row,), (column,) = np.nonzero(copy)
+    assert scale.raw_pixels(np.array([column, row], dtype=float)) == pytest.approx([21.5, 9.5])
+
+
+def test_large_images_shrink_by_a_whole_factor() -> None:
+    assert working_scale([np.zeros((3000, 4000), dtype=np.uint8)]).factor == 4
+    assert working_scale([np.zeros((480, 640), dtype=np.uint16)]).factor == 1
+
+
+def test_sampling_spreads_over_all_frames() -> None:
+    assert sampled(100, 5) == [0, 25, 50, 74, 99]
