@@ -1,8 +1,9 @@
 # Needs only Python ≥ 3.11 and make. Every target sets up what it needs in .venv, from the lock file.
-PYTHON ?= $(shell command -v python3.13 || command -v python3.12 || command -v python3.11 || command -v python3 || echo python)
 ifeq ($(OS),Windows_NT)
+  PYTHON ?= python
   BIN := .venv/Scripts
 else
+  PYTHON ?= python3
   BIN := .venv/bin
 endif
 READY := .venv/ready

@@ -15,7 +15,7 @@ from pivometer.cli import main
 from pivometer.cli.front_page import FRONT_PAGE
 from pivometer.errors import CalibrationError, PivometerError, SessionError
 
-COMMANDS = ("demo", "simulate", "calibrate", "measure", "schema")
+COMMANDS = ("demo", "simulate", "calibrate", "measure", "target", "schema")
 
 
 @dataclass
@@ -56,6 +56,7 @@ def calls(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Calls:
         "simulate": tmp_path / "made",
         "demo": "outcome",
         "write_calibration": tmp_path / "rig.json",
+        "write_target": tmp_path / "target.pdf",
         "write_measurement": {"report.html": tmp_path / "report.html"},
     }
     for name, answer in answers.items():
@@ -140,6 +141,50 @@ def test_demo_has_a_folder_of_its_own(calls: Calls) -> None:
     assert [args for _, args, _ in calls.made] == [(Path("pivometer-demo"),), (Path("elsewhere"),)]
 
 
+def drawn_board(calls: Calls) -> list[object]:
+    board = calls.made[-1][1][0]
+    return [board.kind, board.squares, board.square_mm, board.dictionary, board.marker_mm]
+
+
+def test_target(calls: Calls, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["target"]) == 0
+    assert calls.made[0][1][1:] == (Path("target.pdf"),)
+    assert calls.made[0][2] == {"paper": "A4"}
+    assert drawn_board(calls) == ["checkerboard", (9, 7), 15.0, None, None]
+    told = capsys.readouterr().out
+    assert f"Target: {tmp_path / 'target.pdf'} (checkerboard of 9×7 squares of 15 mm)" in told
+    assert "looks the same after a turn" in told
+
+
+@pytest.mark.parametrize("counts", ["--squares 10 7", "--squares 10x7", "--squares=10×7"])
+def test_target_takes_counts_as_people_write_them(
+    counts: str, calls: Calls, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["target", *counts.split(), "b.svg", "--square-mm", "20", "--paper", "A3"]) == 0
+    assert calls.made[0][1][1:] == (Path("b.svg"),)
+    assert drawn_board(calls) == ["checkerboard", (10, 7), 20.0, None, None]
+    assert "looks the same" not in capsys.readouterr().out
+
+
+def test_target_completes_a_charuco_board(calls: Calls) -> None:
+    assert main(["target", "--kind", "charuco"]) == 0
+    assert drawn_board(calls)[3:] == ["DICT_4X4_50", 11.0]
+    assert main(["target", "--kind", "charuco", "--square-mm", "20"]) == 0
+    assert drawn_board(calls)[3:] == ["DICT_4X4_50", 14.7]
+    options = ["--dictionary", "DICT_5X5_100", "--marker-mm", "12"]
+    assert main(["target", "--kind", "charuco", *options]) == 0
+    assert drawn_board(calls)[3:] == ["DICT_5X5_100", 12.0]
+
+
+@pytest.mark.parametrize("option", ["--dictionary=DICT_5X5_100", "--marker-mm=9"])
+def test_target_gives_a_checkerboard_no_markers(
+    option: str, calls: Calls, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["target", option]) == 2
+    assert "next:  add --kind charuco" in capsys.readouterr().err
+    assert calls.made == []
+
+
 def test_schema_is_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["schema"]) == 0
     assert json.loads(capsys.readouterr().out)["properties"]["rcm"]
@@ -153,6 +198,9 @@ USAGE = {
     "simulate gold d --poses many": 'error: Invalid value for --poses: unable to convert "many"',
     "measure s --rigg r.json": "error: Unknown option: --rigg. Did you mean --rig?",
     "measure s --rig r.json --method paper": "error: --method says how to calibrate, but --rig",
+    "target --squares 9": 'error: Command "target" parameter --squares requires 2',
+    "target --paper A5": 'error: Invalid value "A5" for --paper. Choose from: "A4", "A3", "Letter"',
+    "target --squares 2x2": "error: a board of 2×2 squares has too few inner corners",
     "calibrate --method paper": 'error: Command "calibrate" parameter SESSION requires',
 }
 

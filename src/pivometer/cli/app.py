@@ -1,6 +1,7 @@
 """The commands. What they need is imported when they run, so that ``--help`` is quick."""
 
 import os
+import re
 import shlex
 import sys
 from collections.abc import Sequence
@@ -15,6 +16,8 @@ from pivometer.cli.faults import tell_fault, tell_internal, tell_interrupted, te
 from pivometer.errors import PivometerError, UsageError
 
 Method = Literal["joint", "paper"]
+Kind = Literal["checkerboard", "charuco"]
+Paper = Literal["A4", "A3", "Letter"]
 
 app = App(
     name="pivometer",
@@ -37,7 +40,7 @@ def run(arguments: Sequence[str]) -> int:
         if hasattr(stream, "reconfigure"):  # a terminal without "±" gets a stand-in, not a crash
             stream.reconfigure(errors="backslashreplace")
     try:
-        app(list(arguments))
+        app(_with_counts_apart(arguments))
     except PivometerError as error:
         return tell_fault(error)
     except CycloptsError as error:
@@ -51,6 +54,24 @@ def run(arguments: Sequence[str]) -> int:
             raise
         return tell_internal(error)
     return 0
+
+
+def _with_counts_apart(arguments: Sequence[str]) -> list[str]:
+    """Take 9x7 after --squares for 9 7: both are typed.
+
+    Examples
+    --------
+    >>> _with_counts_apart(["target", "--squares", "9x7"])
+    ['target', '--squares', '9', '7']
+    """
+    words: list[str] = []
+    for word in arguments:
+        counts = re.fullmatch(r"(--squares=)?(\d+)[xX×](\d+)", word)
+        if counts and (counts[1] or words[-1:] == ["--squares"]):
+            words += [*(["--squares"] if counts[1] else []), counts[2], counts[3]]
+        else:
+            words.append(word)
+    return words
 
 
 @app.command(
@@ -197,6 +218,62 @@ def measure(
             measurement, loaded, folder, command=command, progress=progress
         )
     show_measurement(measurement, files, ignored=loaded.ignored)
+
+
+@app.command(
+    help_prologue="""\
+Example:  pivometer target board.pdf --squares 9 7 --square-mm 15
+          a page to print at 100 %, with a line that tells whether it was,
+          and the lines for session.toml.
+"""
+)
+def target(
+    file: Annotated[Path, Parameter(name="FILE")] = Path("target.pdf"),
+    /,
+    *,
+    kind: Kind = "checkerboard",
+    squares: Annotated[tuple[int, int], Parameter(negative="")] = (9, 7),
+    square_mm: float = 15.0,
+    paper: Paper = "A4",
+    dictionary: str | None = None,
+    marker_mm: float | None = None,
+) -> None:
+    """Draw a calibration board to print, as PDF or SVG.
+
+    Parameters
+    ----------
+    file
+        File to write; a name that ends in .pdf or .svg says which.
+    kind
+        checkerboard, or charuco: with markers, so that a part of it will do.
+    squares
+        Squares across and down, 9 7 or 9x7, counting the outer ones.
+    square_mm
+        Side of a square, mm.
+    paper
+        Paper to print on; which way it lies follows from the board.
+    dictionary
+        ArUco dictionary of a charuco board; DICT_4X4_50 where none is given.
+    marker_mm
+        Side of a charuco board's markers, mm; 11/15 of a square where none is given.
+    """
+    from pivometer import pipeline
+    from pivometer.calibration import Board
+    from pivometer.cli.show import show_target
+
+    if kind == "charuco":
+        dictionary = dictionary or "DICT_4X4_50"
+        marker_mm = round(square_mm * 11 / 15, 1) if marker_mm is None else marker_mm
+    elif dictionary is not None or marker_mm is not None:
+        raise UsageError(
+            "a checkerboard has no markers, but --dictionary or --marker-mm is given",
+            next_step="add --kind charuco, or leave them out",
+        )
+    try:
+        board = Board(kind, squares, square_mm, None, dictionary, marker_mm)
+    except UsageError as error:
+        raise UsageError(error.what, next_step="see pivometer target --help") from error
+    show_target(board, pipeline.write_target(board, file, paper=paper))
 
 
 @app.command(

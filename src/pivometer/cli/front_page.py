@@ -21,6 +21,7 @@ Commands:
   simulate   Render a session whose truth is known, in DIR/truth.json.
   calibrate  Calibrate the cameras of a session from its board views.
   measure    Measure the RCM of a session and write the report.
+  target     Draw a calibration board to print, as PDF or SVG.
   schema     Print the JSON Schema of result.json.
 
   pivometer COMMAND --help says more, with an example.

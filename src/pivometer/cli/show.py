@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table as TerminalTable
 from rich.text import Text
 
-from pivometer.calibration import Calibration
+from pivometer.calibration import Board, Calibration
 from pivometer.measurement import Measurement
 from pivometer.report.digits import error_decimals, fixed, with_uncertainty
 from pivometer.report.tables import Table, location_table, miss_table, rejected_table
@@ -87,6 +87,21 @@ def show_demo(outcome: "DemoOutcome") -> None:
         f"{place} its 95 % uncertainty region.",
         f"report: {outcome.report}",
     )
+
+
+def show_target(board: Board, path: Path) -> None:
+    """Print where the page is and what to do with it."""
+    say(
+        f"Target: {path} ({board})",
+        "Next:   print it at 100 %, measure its 100 mm line, glue it to something flat, and write",
+        "        the measured square into session.toml; the page has the lines to copy.",
+    )
+    if len(board.symmetries) > 1:
+        say(
+            "Note:   this board looks the same after a turn. That is put right from all views "
+            "together;",
+            "        with an odd and an even number of squares, every single view is clear.",
+        )
 
 
 def _say_ignored(ignored: Sequence[str]) -> None:
