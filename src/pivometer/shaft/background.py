@@ -23,7 +23,7 @@ WORKING_SIDE_PX = 1280
 """Longest side of the copy that is searched; larger images are averaged down by a whole factor."""
 
 SAMPLED_FRAMES = 25
-"""Frames that give the median; more did not change which poses are found, and memory is bounded."""
+"""Frames that give the median: bounds memory and time; chosen, not measured."""
 
 GREY_UNITS = 4080
 """Full scale of the working copy: 16 units a grey level of an 8-bit image, so that blurring does
@@ -37,8 +37,8 @@ NOISE_FACTOR = 4.0
 
 MOVED_FRACTION = 0.4
 """An edge has moved where the gradient differs from the median's by this share of itself. A
-static edge that trembles by 0.2 px or flickers by 5 % differs by 0.2 at most; two frames alone
-differ from their mean by 0.5."""
+static edge that flickers by 5 % differs by 0.05; two frames alone differ from their mean by
+0.5."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,14 +102,18 @@ class StaticScene:
     threshold: float
 
 
-def static_scene(copies: Sequence[NDArray[np.uint16]]) -> StaticScene:
-    """Return what stands still in the working copies (one copy: an empty frame)."""
+def static_scene(
+    copies: Sequence[NDArray[np.uint16]], frame: NDArray[np.uint16] | None = None
+) -> StaticScene:
+    """Return what stands still in the working copies of a sequence, or in one empty frame.
+
+    The noise is that of `frame`'s gradient about the median's; by default the middle copy's.
+    """
     stack = np.stack([gradient(copy) for copy in copies])
     still = _median(stack).astype(np.int16)
     grey = _median(np.stack(copies)).astype(np.uint16)
-    # A frame differs from an empty frame by its noise too, but that is not known yet.
-    middle = stack[len(copies) // 2].astype(np.int32)
-    noise = 1.4826 * float(np.median(np.abs(middle - still)))
+    other = stack[len(copies) // 2] if frame is None else gradient(frame)
+    noise = 1.4826 * float(np.median(np.abs(other.astype(np.int32) - still)))
     return StaticScene(still, grey, max(FLOOR, NOISE_FACTOR * noise))
 
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from pivometer._arrays import Floats
 
 NOMINAL_TOLERANCE = 0.15
-"""A diameter further than this from the nominal one is another object, whatever the scale's error."""
+"""A diameter further than this from the nominal one is another object, whatever the scale."""
 
 SPREAD_TOLERANCE = 0.03
 """Relative difference from the session's median that is always allowed: 0.5 px on a shaft of 17 px,

@@ -22,6 +22,9 @@ WIDTH_SPREAD = 0.12
 """Relative spread of a shaft's width half way: 28° towards the camera at 480 mm is ±10 %."""
 
 WIDTH_POWER = 0.5
+"""Stripes on a shaft move as it does: of equals the wider pair is the silhouette. A power of 1
+prefers a shaft joined with its shadow (drawn scenes found: 16 % instead of 66 %)."""
+
 ELONGATION = 3.0
 """A pair counts fully from this length in widths; a carriage is about as long as wide."""
 
@@ -154,7 +157,6 @@ def _hypothesis(table: PairTable) -> Motion | None:
     scores = np.concatenate(
         [_support(table, pivots[k : k + 300], widths[k : k + 300]) for k in range(0, len(i), 300)]
     )
-    # Stripes on a shaft move as it does: of equals the widest is the silhouette.
     best = int(np.argmax(scores * widths**WIDTH_POWER))
     width = float(widths[best])
     return Motion(pivots[best], width, NEARBY * width + 2, WIDTH_SPREAD, 0.0, 0)

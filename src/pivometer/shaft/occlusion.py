@@ -17,8 +17,8 @@ LANES = np.linspace(-0.8, 0.8, 9)
 STATIONS = (np.arange(32) + 0.5) / 32
 LEAST_CHANGE = 0.03 * GREY_UNITS
 LEAST_COVER = 0.4
-"""A lane that changes less often than this share of the average lane shows the background: between
-a shaft and a rod beside it, 0.1 or less of some lane changes (measured)."""
+"""A lane that changes less often than this share of the average lane shows the background, as
+between a shaft and a rod beside it. Chosen, not measured."""
 
 BESIDE_PX = 3.0
 LEAST_UNCHANGED = 0.5

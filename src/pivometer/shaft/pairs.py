@@ -14,7 +14,7 @@ from pivometer.shaft.background import MovingEdges
 
 ANGLE_BINS = 360
 SPREAD_BINS = 3
-"""An edge pixel votes for normals within ±3° of its gradient's: noise turns it by 2° (rms)."""
+"""An edge pixel votes for normals within ±3° of its gradient's. Chosen, not measured."""
 
 MOST_TURN_COSINE = 0.955
 """An edge pixel belongs to a line if its gradient is within 17° of the normal."""
@@ -31,8 +31,8 @@ FOCUS_PX = 1.2
 drag the line."""
 
 TIGHT_PX = 1.0
-"""Edge pixels of a true edge scatter by 0.3–0.5 px (rms) about the bowed line; those of a chance
-line through texture fill the whole band."""
+"""Edge pixels of a true edge, thinned to whole pixels, lie closer than this to the bowed line;
+those of a chance line through texture fill the whole band."""
 
 BIN_PX = 4.0
 WINDOW_BINS = 12
