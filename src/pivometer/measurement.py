@@ -129,7 +129,8 @@ class Measurement:
     setup
         What the session says of itself.
     inputs
-        SHA-256 of every file used, by its path relative to the session folder.
+        SHA-256 of every file of the session that was used, by its path in the session folder;
+        those behind a calibration from elsewhere stand under ``calibration.inputs``.
     software
         ``pivometer`` and the version.
     """

@@ -80,7 +80,7 @@ def measure(
         seen[camera.name] = _edges(frames, camera, background, progress)
         reads += [*frames, *background]
     poses = _poses(session, calibration.rig, seen)
-    inputs = dict(calibration.inputs) | hashes(reads)
+    inputs = ({} if rig else dict(calibration.inputs)) | hashes(reads)
     return _measurement(session, calibration, poses, inputs)
 
 

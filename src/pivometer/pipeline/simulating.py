@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -75,7 +76,7 @@ class DemoOutcome:
     measurement
         The measurement.
     truth
-        The RCM of the simulated robot's true centerlines.
+        The RCM of the simulated robot's true centerlines, of the poses used.
     location_error_mm
         Distance of the measured least-squares point from the true one, mm.
     inside_95
@@ -102,7 +103,7 @@ def demo(folder: Path | str, *, progress: Progress | None = None) -> DemoOutcome
     root = simulate("gold", folder, poses=16, board_pairs=12, single_views=6, progress=progress)
     session = load(root)
     measured = measure(session, progress=progress)
-    truth = true_rcm(root)
+    truth = true_rcm(root, poses=[pose.pose for pose in measured.used])
     point = truth.least_squares.point_mm
     written = write_measurement(
         measured,
@@ -127,9 +128,18 @@ def demo(folder: Path | str, *, progress: Progress | None = None) -> DemoOutcome
     )
 
 
-def true_rcm(folder: Path | str) -> RcmSolution:
-    """Solve for the RCM of a simulated session's true centerlines, from its ``truth.json``."""
+def true_rcm(folder: Path | str, *, poses: Collection[str] | None = None) -> RcmSolution:
+    """Solve for the RCM of a simulated session's true centerlines, from its ``truth.json``.
+
+    Parameters
+    ----------
+    folder
+        The session folder.
+    poses
+        The poses that count, such as those a measurement used; all where none are given.
+    """
     content = json.loads((Path(folder) / "truth.json").read_text(encoding="utf-8"))
-    lines = [pose["centerline"] for pose in content["poses"]]
+    rows = [row for row in content["poses"] if poses is None or row["pose"] in poses]
+    lines = [row["centerline"] for row in rows]
     points = np.array([line["point_mm"] for line in lines])
     return solve(points, np.array([line["direction"] for line in lines]))
