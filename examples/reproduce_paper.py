@@ -3,11 +3,11 @@
     python examples/reproduce_paper.py [FOLDER]
 
 Renders both of the paper's experiments (70 poses, 20 board pairs and 10 single views a camera),
-measures them from the images alone and prints what comes out, beside the truth of the same poses.
+measures them from the images alone and prints what comes out, beside the same poses' truth.
 Takes a few minutes.
 
-The pictures have noise, blur, distortion, shading and clutter, but neither a bowed board nor cameras
-that move: the calibration column shows what the method can do, not what a laboratory will get.
+The pictures have noise, blur, distortion, shading and clutter, but neither a bowed board nor
+cameras that move: the calibration column shows what the method can do, not what a laboratory gets.
 """
 
 import sys

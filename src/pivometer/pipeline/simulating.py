@@ -24,7 +24,7 @@ from pivometer.uncertainty import lies_within
 
 
 def simulate(
-    preset: str,
+    preset: str | simulation.Preset,
     folder: Path | str,
     *,
     poses: int | None = None,
@@ -37,7 +37,7 @@ def simulate(
     Parameters
     ----------
     preset
-        ``"gold"``, ``"davinci"`` or ``"micro"``.
+        ``"gold"``, ``"davinci"`` or ``"micro"``, or a preset of your own.
     folder
         Where to; an earlier simulation there is replaced, anything else is not.
     poses
