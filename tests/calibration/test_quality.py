@@ -5,7 +5,7 @@ from pivometer.calibration.quality import (
     camera_quality,
     epipolar_rms,
     filled_fraction,
-    held_out_error,
+    held_out_lengths,
     matched_points,
     quality_notes,
     shared_moments,
@@ -26,7 +26,7 @@ def test_held_out_pairs_are_kept_from_the_estimate(scene):
         asked.append(set(moments))
         return scene.rig
 
-    error = held_out_error(scene.views(), scene.board, estimate, folds=5)
+    error = held_out_lengths(scene.views(), scene.board, estimate, folds=5).error(15.0)
     assert error.count == 12 * len(scene.board.edges)
     assert error.max_mm < 1e-9
     assert len(asked) == 5
@@ -38,7 +38,8 @@ def test_held_out_pairs_are_kept_from_the_estimate(scene):
 def test_held_out_error_sees_a_wrong_rig(scene):
     delta = np.zeros(18)
     delta[15] = 0.01 * 470  # baseline 1 % too long in x
-    error = held_out_error(scene.views(), scene.board, lambda _: scene.rig.perturbed(delta))
+    moved = scene.rig.perturbed(delta)
+    error = held_out_lengths(scene.views(), scene.board, lambda _: moved).error(15.0)
     assert 0.02 < error.rms_mm < 0.2
 
 

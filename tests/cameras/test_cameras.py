@@ -5,13 +5,29 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pivometer.cameras import Camera, Rig
-from pivometer.cameras.distortion import distort, distort_jacobian, fold_radius, undistort
+from pivometer.cameras.distortion import (
+    coefficient_jacobian,
+    distort,
+    distort_jacobian,
+    fold_radius,
+    image_reach,
+    undistort,
+)
 from pivometer.errors import DataError, ShapeError
 from pivometer.geometry import RigidTransform
 
 # From strong barrel to strong pincushion, as lenses have them.
 betas = st.tuples(st.floats(-0.4, 0.3), st.floats(-0.1, 0.3))
 seeds = st.integers(0, 2**32 - 1)
+
+
+WIDE = {
+    "none": [],
+    "radial2": [-0.28, 0.1],
+    "brown5": [-0.33, 0.15, 8e-4, -1.2e-3, -0.04],
+    "rational8": [0.4, -0.1, 8e-4, -1.2e-3, 0.02, 0.72, -0.2, 0.05],
+}
+"""One lens of each model, bent as far as real ones are."""
 
 
 def camera(name="left", beta=(-0.28, 0.1)):
@@ -114,3 +130,65 @@ def test_a_rig_moves_by_what_it_is_perturbed_by(seed):
 def test_what_is_not_a_rig_is_refused(cameras, poses):
     with pytest.raises(ShapeError):
         Rig(cameras, poses)
+
+
+@pytest.mark.parametrize("model", WIDE)
+def test_every_model_agrees_with_opencv_and_comes_back(model):
+    rng = np.random.default_rng(4)
+    points = np.column_stack([rng.uniform(-0.6, 0.6, (200, 2)), np.ones(200)])
+    ours = camera(beta=WIDE[model])
+    assert ours.model == model
+    k = np.array([*WIDE[model], *np.zeros(8 - len(WIDE[model]))])
+    oracle = cv2.projectPoints(points, np.zeros(3), np.zeros(3), ours.calibration_matrix, k)[0]
+    np.testing.assert_allclose(ours.project(points), oracle[:, 0], atol=1e-9)
+    back = ours.normalized_from_pixels(ours.project(points))
+    np.testing.assert_allclose(back, points[:, :2], atol=4e-15)
+
+
+@pytest.mark.parametrize("model", WIDE)
+def test_jacobians_of_every_model_are_derivatives(model):
+    k = np.array(WIDE[model])
+    points = np.random.default_rng(5).uniform(-0.6, 0.6, (20, 2))
+    step = 1e-6
+    by_point = [(distort(points + d, k) - distort(points - d, k)) / (2 * step)
+                for d in step * np.eye(2)]  # fmt: skip
+    np.testing.assert_allclose(distort_jacobian(points, k), np.stack(by_point, axis=-1), atol=1e-9)
+    found = coefficient_jacobian(points, k)
+    assert found.shape == (20, 2, len(k))
+    for i, d in enumerate(step * np.eye(len(k))):
+        numeric = (distort(points, k + d) - distort(points, k - d)) / (2 * step)
+        np.testing.assert_allclose(found[..., i], numeric, atol=1e-9)
+
+
+@pytest.mark.parametrize("k", [WIDE["brown5"], WIDE["rational8"], [0, 0, 0, 0, -1.0]])
+def test_beyond_the_fold_of_any_model_is_refused_and_inside_is_not(k):
+    k = np.array([0.2, 0, *k[2:4], 0, 0.9, 0.4, 0.3]) if len(k) == 8 else np.array(k)
+    assert np.isfinite(fold_radius(k))
+    angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    rim = image_reach(k) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    np.testing.assert_allclose(distort(undistort(0.97 * rim, k), k), 0.97 * rim, atol=1e-13)
+    for point in 1.03 * rim:
+        with pytest.raises(DataError, match="folds"):
+            undistort(point[None], k)
+
+
+def test_a_pole_of_the_rational_model_ends_the_lens():
+    assert fold_radius([0, 0, 0, 0, 0, -1.0, 0, 0]) == pytest.approx(1.0, abs=1e-8)
+
+
+def test_a_number_of_coefficients_that_no_model_has_is_refused():
+    with pytest.raises(ShapeError, match="3 distortion coefficients"):
+        camera(beta=[0.1, 0.2, 0.3])
+
+
+def test_a_rig_of_cameras_of_different_models_moves_by_what_it_is_perturbed_by():
+    cameras = [camera(name, beta) for name, beta in WIDE.items()]
+    poses = [RigidTransform.identity()] + [
+        RigidTransform.from_rotation_vector([0.1 * i, 0.2, 0], [100.0 * i, 0, 0]) for i in (1, 2, 3)
+    ]
+    mixed = Rig(cameras, poses)
+    assert mixed.parameter_names[:6] == (
+        "none.fx_px", "none.fy_px", "none.ox_px", "none.oy_px", "radial2.fx_px", "radial2.fy_px",
+    )  # fmt: skip
+    delta = 1e-3 * np.random.default_rng(1).normal(size=len(mixed.parameter_names))
+    np.testing.assert_allclose(mixed.difference(mixed.perturbed(delta)), delta, atol=1e-12)

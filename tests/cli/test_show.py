@@ -59,8 +59,8 @@ def test_a_calibration_is_shown_with_units_and_rejections(
     show_calibration(calibration(), Path("s/results/rig.json"), ignored=["board/left/notes.txt"])
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     for line in (
-        "f·s_x, px 1000.00 ± 0.80 1000.00 ± 0.80",
-        "β₂ 0.100 ± 0.011 0.100 ± 0.011",
+        "focal length f·s_x, px 1000.00 ± 0.80 1000.00 ± 0.80",
+        "distortion k₂ = β₂ 0.100 ± 0.011 0.100 ± 0.011",
         "max, mm rms, mm edges",
         "all pairs 0.241 0.097 984",
         "held out 0.263 0.112 984",

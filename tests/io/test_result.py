@@ -32,7 +32,6 @@ SHAPES = {
     "point_mm": (3,),
     "direction": (3,),
     "expanded_mm": (3,),
-    "parameters_u": (6,),
     "covariance": (4, 4),
     "basis": (2, 3),
     "points_px": (2, 5, 2),

@@ -105,7 +105,7 @@ def render(
     # Rows of fine samples in strips, so that the undistortion never holds millions of points.
     grid = np.stack(np.meshgrid(x, y), axis=-1)
     points = grid
-    if camera.beta.any():
+    if camera.distortion.any():
         small = np.stack(np.meshgrid(x[:: FACTOR // 2], y[:: FACTOR // 2]), axis=-1)
         moved = camera.undistorted_pixels(small) - small
         points = grid + _upsampled(moved, x, y, FACTOR // 2)

@@ -1,7 +1,7 @@
 """Bundle adjustment of cameras and board poses over all board views.
 
 Minimises the squared distance in the image, px, between the corners found and the corners of the
-known board projected by (4), (17) and (18), over the intrinsics of every camera, the pose of every
+known board projected by (4), (17) and (18) or a wider distortion model, over the intrinsics of every camera, the pose of every
 further camera in the reference camera's frame, and the pose of the board in every view.
 """
 
@@ -17,6 +17,7 @@ from pivometer._arrays import Floats
 from pivometer.calibration.arrowhead import NormalEquations, minimise, solve_scaled
 from pivometer.calibration.board import Board, BoardView
 from pivometer.cameras import Camera, Rig
+from pivometer.cameras.distortion import coefficient_jacobian, distort, distort_jacobian
 from pivometer.errors import CalibrationError
 from pivometer.geometry.rigid import RigidTransform, rotation_from_vector
 
@@ -69,12 +70,6 @@ class BundleProblem:
         """Number of moments, each with one board pose."""
         return int(self.moment.max()) + 1
 
-    @property
-    def degrees_of_freedom(self) -> int:
-        """Measured coordinates minus unknowns."""
-        unknowns = 12 * self.camera_count - 6 + 6 * self.moment_count
-        return 2 * int(np.count_nonzero(self.weights)) - unknowns
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BundleState:
@@ -83,7 +78,8 @@ class BundleState:
     Parameters
     ----------
     intrinsics
-        f s_x, f s_y, o_x, o_y (px), β₁, β₂ of every camera, shape (c, 6).
+        f s_x, f s_y, o_x, o_y (px) and m distortion coefficients of every camera, all of one
+        model, shape (c, 4 + m).
     rotations, translations_mm
         ``reference_from_camera``, shapes (c, 3, 3) and (c, 3).
     board_rotations, board_translations_mm
@@ -99,11 +95,11 @@ class BundleState:
 
     def moved(self, shared: Floats, local: Floats) -> BundleState:
         """Return the state after a step in `Rig.parameter_names`' order and of each board pose."""
-        count = len(self.intrinsics)
-        turn = np.zeros((count, 6))
-        turn[1:] = shared[6 * count :].reshape(-1, 6)
+        inner = self.intrinsics.size
+        turn = np.zeros((len(self.intrinsics), 6))
+        turn[1:] = shared[inner:].reshape(-1, 6)
         return BundleState(
-            self.intrinsics + shared[: 6 * count].reshape(count, 6),
+            self.intrinsics + shared[:inner].reshape(self.intrinsics.shape),
             rotation_from_vector(turn[:, :3]) @ self.rotations,
             self.translations_mm + turn[:, 3:],
             rotation_from_vector(local[:, :3]) @ self.board_rotations,
@@ -212,7 +208,7 @@ class _Projection:
     frame: Floats  # rotation of each row's camera, (g, 3, 3)
     depth: Floats
     normalized: Floats
-    r2: Floats
+    distorted: Floats
     pixels: Floats
     behind: bool
 
@@ -228,11 +224,11 @@ def _project(problem: BundleProblem, state: BundleState) -> _Projection:
     behind = bool((points[..., 2][found] <= 0).any())
     depth = np.where(points[..., 2] > 0, points[..., 2], 1.0)
     normalized = points[..., :2] / depth[..., None]
-    r2 = np.sum(normalized**2, axis=-1)
     k = state.intrinsics[problem.camera][:, None]
-    factor = 1 + r2 * (k[..., 4] + r2 * k[..., 5])
-    pixels = normalized * factor[..., None] * k[..., :2] + k[..., 2:4]
-    return _Projection(turned, local, frame, depth, normalized, r2, pixels, behind)
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # `adjust` looks at it
+        distorted = distort(normalized, k[..., 4:])
+        pixels = distorted * k[..., :2] + k[..., 2:4]
+    return _Projection(turned, local, frame, depth, normalized, distorted, pixels, behind)
 
 
 def residuals(problem: BundleProblem, state: BundleState) -> Floats:
@@ -245,9 +241,9 @@ def _errors(problem: BundleProblem, view: _Projection) -> Floats:
 
 
 def jacobian(problem: BundleProblem, state: BundleState) -> Floats:
-    """Return the derivatives of `residuals`, shape (g, n, 2, 18).
+    """Return the derivatives of `residuals`, shape (g, n, 2, 16 + m).
 
-    By column: the camera's six intrinsics; its pose (left rotation vector, translation); the
+    By column: the camera's 4 + m intrinsics; its pose (left rotation vector, translation); the
     board's pose (the same).
     """
     return _derivatives(problem, state, _project(problem, state))
@@ -255,25 +251,22 @@ def jacobian(problem: BundleProblem, state: BundleState) -> Floats:
 
 def _derivatives(problem: BundleProblem, state: BundleState, view: _Projection) -> Floats:
     k = state.intrinsics[problem.camera][:, None]
-    q, r2, focal = view.normalized, view.r2, k[..., :2]
-    J = np.zeros((*q.shape, 18))
-    factor = 1 + r2 * (k[..., 4] + r2 * k[..., 5])
-    slope = 2 * (k[..., 4] + 2 * k[..., 5] * r2)
+    q, focal, lens = view.normalized, k[..., :2], k[..., 4:]
+    inner = state.intrinsics.shape[1]
+    J = np.zeros((*q.shape, inner + 12))
     for axis in range(2):
-        J[..., axis, axis] = q[..., axis] * factor
+        J[..., axis, axis] = view.distorted[..., axis]
         J[..., axis, 2 + axis] = 1.0
-        J[..., axis, 4] = focal[..., axis] * q[..., axis] * r2
-        J[..., axis, 5] = J[..., axis, 4] * r2
-    lens = slope[..., None, None] * q[..., :, None] * q[..., None, :]
-    lens += factor[..., None, None] * np.eye(2)
-    lens *= (focal / view.depth[..., None])[..., None]  # ∂pixel/∂(x, y) at fixed depth
-    by_point = np.concatenate([lens, -(lens @ q[..., None])], axis=-1)
+    J[..., 4:inner] = focal[..., None] * coefficient_jacobian(q, lens)
+    # ∂pixel/∂(x, y) at fixed depth
+    by_image = (focal / view.depth[..., None])[..., None] * distort_jacobian(q, lens)
+    by_point = np.concatenate([by_image, -(by_image @ q[..., None])], axis=-1)
     by_pose = by_point @ np.swapaxes(view.frame, 1, 2)[:, None]
-    J[..., 12:15] = _cross(view.turned[..., None, :], by_pose)
-    J[..., 15:] = by_pose
+    J[..., inner + 6 : inner + 9] = _cross(view.turned[..., None, :], by_pose)
+    J[..., inner + 9 :] = by_pose
     rig = ~(problem.alone | (problem.camera == 0))
-    J[rig, ..., 6:9] = _cross(by_pose[rig], view.local[rig][..., None, :])
-    J[rig, ..., 9:12] = -by_pose[rig]
+    J[rig, ..., inner : inner + 3] = _cross(by_pose[rig], view.local[rig][..., None, :])
+    J[rig, ..., inner + 3 : inner + 6] = -by_pose[rig]
     return J
 
 
@@ -302,26 +295,28 @@ def normal_equations(
     view = _project(problem, state)
     errors = _errors(problem, view)
     weights = _loss(problem, errors, huber_px)[1][..., None]
-    rows = len(errors)
-    J = (_derivatives(problem, state, view) * weights[..., None]).reshape(rows, -1, 18)
+    rows, inner = len(errors), state.intrinsics.shape[1]
+    J = (_derivatives(problem, state, view) * weights[..., None]).reshape(rows, -1, inner + 12)
     r = (errors * weights).reshape(rows, -1, 1)
     H, g = np.swapaxes(J, 1, 2) @ J, (np.swapaxes(J, 1, 2) @ r)[..., 0]
     cameras, moments = problem.camera_count, problem.moment_count
-    d = 12 * cameras - 6
+    d, own_pose = (inner + 6) * cameras - 6, inner + 6
     # the reference camera has no pose: its six columns (zero) go to spare places, cut off below
-    pose = np.where(problem.camera == 0, d, 6 * cameras + 6 * (problem.camera - 1))
+    pose = np.where(problem.camera == 0, d, inner * cameras + 6 * (problem.camera - 1))
     place = np.concatenate(
-        [(6 * problem.camera)[:, None] + np.arange(6), pose[:, None] + np.arange(6)], axis=1
+        [(inner * problem.camera)[:, None] + np.arange(inner), pose[:, None] + np.arange(6)], axis=1
     )
     at = problem.moment
     shared, coupling = np.zeros((moments, d + 6, d + 6)), np.zeros((moments, d + 6, 6))
     gradient, own = np.zeros((moments, d + 6)), np.zeros((moments, 6))
     local = np.zeros((moments, 6, 6))
-    np.add.at(shared, (at[:, None, None], place[:, :, None], place[:, None]), H[:, :12, :12])
-    np.add.at(coupling, (at[:, None], place), H[:, :12, 12:])
-    np.add.at(gradient, (at[:, None], place), g[:, :12])
-    np.add.at(local, at, H[:, 12:, 12:])
-    np.add.at(own, at, g[:, 12:])
+    np.add.at(
+        shared, (at[:, None, None], place[:, :, None], place[:, None]), H[:, :own_pose, :own_pose]
+    )
+    np.add.at(coupling, (at[:, None], place), H[:, :own_pose, own_pose:])
+    np.add.at(gradient, (at[:, None], place), g[:, :own_pose])
+    np.add.at(local, at, H[:, own_pose:, own_pose:])
+    np.add.at(own, at, g[:, own_pose:])
     return NormalEquations(shared[:, :d, :d], coupling[:, :d], local, gradient[:, :d], own)
 
 
@@ -376,7 +371,8 @@ def adjust(
         tolerance=tolerance,
     )
     information, scores = normal_equations(problem, state, huber_px).reduced()
-    dof = problem.degrees_of_freedom
+    unknowns = len(scores[0]) + 6 * problem.moment_count
+    dof = 2 * int(np.count_nonzero(problem.weights)) - unknowns
     return BundleSolution(state, residuals(problem, state), information, scores, dof)
 
 

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from pivometer._arrays import Floats, checked
+from pivometer._arrays import Floats
 from pivometer.calibration.board import Board, BoardView
 from pivometer.calibration.bundle import (
     GROSS_RATIO,
@@ -24,7 +24,7 @@ from pivometer.calibration.bundle import (
 from pivometer.calibration.homography import homography
 from pivometer.calibration.result import RejectedView
 from pivometer.cameras import Camera
-from pivometer.cameras.distortion import fold_radius
+from pivometer.cameras.distortion import MODELS, DistortionModel, fold_radius, image_reach
 from pivometer.errors import CalibrationError
 from pivometer.geometry.rigid import RigidTransform
 
@@ -48,7 +48,7 @@ class CameraCalibration:
     residuals_px
         Projected minus found corners of each, shape (k, 2), px.
     covariance
-        Covariance of ``camera.parameters``, shape (6, 6).
+        Covariance of ``camera.parameters``, shape (4+m, 4+m).
     rejected
         The views that did not fit.
     """
@@ -171,11 +171,12 @@ def calibrate_camera(
     *,
     camera: str,
     weighted: bool = False,
+    distortion: DistortionModel = "radial2",
 ) -> CameraCalibration:
     """Calibrate one camera from all its views of the board.
 
-    Homographies, closed-form K (Zhang), then Levenberg–Marquardt over K, β₁, β₂ and all board
-    poses. A view that does not fit (more than 5 times the median view's rms, and more than 1 px)
+    Homographies, closed-form K (Zhang), then Levenberg–Marquardt over K, the distortion and all
+    board poses. A view that does not fit (more than 5 times the median view's rms, and more than 1 px)
     is rejected and the rest fitted again.
 
     Parameters
@@ -190,6 +191,8 @@ def calibrate_camera(
         Its name.
     weighted
         Weight corners by their ``sigma_px``.
+    distortion
+        The distortion model.
 
     Raises
     ------
@@ -206,7 +209,7 @@ def calibrate_camera(
     rejected += bad
     _require_views(kept, rejected, camera)
     K = calibration_matrix_from_homographies(flat, *size)
-    start = Camera(camera, *size, K[[0, 1], [0, 1]], K[:2, 2], np.zeros(2))
+    start = Camera(camera, *size, K[[0, 1], [0, 1]], K[:2, 2], np.zeros(MODELS[distortion]))
     poses = [
         camera_from_board_pose(K, H, board.corners_mm[v.ids])
         for v, H in zip(kept, flat, strict=True)
@@ -291,7 +294,7 @@ def _adjusted(
         solution, worst = adjust_wary(problem, state)
     except CalibrationError as error:
         what = f"camera {start.name}: {error.what}"
-        raise CalibrationError(what, next_step=error.next_step) from error
+        raise CalibrationError(what, next_step=_advice(error.next_step, start)) from error
     found = problem.weights > 0
     errors = [r[f] for r, f in zip(solution.residuals_px, found, strict=True)]
     spread = residual_variance(problem, solution) * _determined(solution, start)
@@ -346,7 +349,7 @@ def _determined(solution: BundleSolution, camera: Camera) -> Floats:
         inverse: Floats = inverse_information(solution)
         u = NOMINAL_PX * np.sqrt(np.diag(inverse))
     except CalibrationError:
-        u = np.full(6, np.inf)
+        u = np.full(solution.state.intrinsics.shape[1], np.inf)
     focal = float((u[:2] / solution.state.intrinsics[0, :2]).max())
     centre = float((u[2:4] / [camera.width, camera.height]).max())
     # measured at 0.1 px: 30 good views give 0.1 % and 0.2 %, three 0.4–1.2 % and 0.4–2 %
@@ -355,9 +358,15 @@ def _determined(solution: BundleSolution, camera: Camera) -> Floats:
             f"camera {camera.name}: the board views do not determine it: even corners good to "
             f"{NOMINAL_PX} px would leave its focal length uncertain by {100 * focal:.0f} % and "
             f"its principal point by {100 * centre:.0f} % of the image",
-            next_step="add board views tilted by 20° to 45° in several directions",
+            next_step=_advice("add board views tilted by 20° to 45° in several directions", camera),
         )
     return inverse
+
+
+def _advice(next_step: str, camera: Camera) -> str:
+    """Add that fewer coefficients may do, where there are more than the paper's two."""
+    more = len(camera.distortion) > MODELS["radial2"]
+    return next_step + (", or choose a distortion model of fewer coefficients" if more else "")
 
 
 def _misfit(fit: CameraCalibration, index: int) -> RejectedView:
@@ -389,13 +398,12 @@ def check_plausible(fit: CameraCalibration) -> None:
     off = np.abs(camera.principal_point_px / size - 0.5).max()
     beyond = np.concatenate([v.pixels for v in fit.views]) - camera.principal_point_px
     reach = float(np.linalg.norm(beyond / camera.focal_px, axis=1).max())
-    fold = fold_radius(checked(camera.beta, (2,), "beta"))
-    folded = fold * (1 + fold**2 * (camera.beta[0] + fold**2 * camera.beta[1]))
+    folded = image_reach(camera.distortion)
     if off > 1.0:
         fault = f"its principal point is at {camera.principal_point_px.round(1)} px"
     elif fit.rms_px > max(2.0, 0.005 * float(np.hypot(*size))):
         fault = f"the corners miss the fitted camera by {fit.rms_px:.1f} px rms"
-    elif np.isfinite(fold) and reach > folded:
+    elif np.isfinite(fold_radius(camera.distortion)) and reach > folded:
         fault = (
             f"its distortion folds at normalized radius {folded:.3f}, corners lie at {reach:.3f}"
         )

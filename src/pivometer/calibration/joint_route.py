@@ -21,9 +21,10 @@ from pivometer.calibration.bundle import (
 )
 from pivometer.calibration.half_turn import PosedView, Tree, require_pairs
 from pivometer.calibration.intrinsics import CameraCalibration, rms
+from pivometer.calibration.quality import undetermined
 from pivometer.calibration.result import RejectedView
 from pivometer.cameras import Rig
-from pivometer.errors import CalibrationError
+from pivometer.errors import CalibrationError, DataError
 from pivometer.geometry.rigid import RigidTransform
 
 
@@ -119,6 +120,24 @@ def _misfits(fit: JointFit, moment: str) -> list[RejectedView]:
         for p, value in zip(fit.posed, each, strict=True)
         if p.view.view == moment
     ]
+
+
+def require_invertible(joint: JointFit) -> None:
+    """Refuse a distortion that was fitted so freely that it folds among the corners.
+
+    Raises
+    ------
+    CalibrationError
+        If a corner found has no inverse.
+    """
+    for camera in joint.rig.cameras:
+        pixels = np.concatenate(
+            [p.view.pixels for p in joint.posed if p.view.camera == camera.name]
+        )
+        try:
+            camera.normalized_from_pixels(pixels)
+        except DataError as error:
+            raise undetermined(error) from error
 
 
 def require_agreement(joint: JointFit, alone: Mapping[str, CameraCalibration]) -> None:

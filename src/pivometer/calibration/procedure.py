@@ -22,7 +22,13 @@ from pivometer.calibration.half_turn import (
     require_pairs,
 )
 from pivometer.calibration.intrinsics import CameraCalibration, calibrate_camera
-from pivometer.calibration.joint_route import JointFit, joint_fit, require_agreement
+from pivometer.calibration.distortion_choice import wider_model_note
+from pivometer.calibration.joint_route import (
+    JointFit,
+    joint_fit,
+    require_agreement,
+    require_invertible,
+)
 from pivometer.calibration.metric_scale import length_error, reconstructed_edges
 from pivometer.calibration.paper_route import (
     UsedViews,
@@ -33,7 +39,8 @@ from pivometer.calibration.paper_route import (
 from pivometer.calibration.quality import (
     camera_quality,
     epipolar_rms,
-    held_out_error,
+    HeldOut,
+    held_out_lengths,
     quality_notes,
 )
 from pivometer.calibration.result import (
@@ -44,6 +51,7 @@ from pivometer.calibration.result import (
     RejectedView,
 )
 from pivometer.cameras import Rig
+from pivometer.cameras.distortion import MODELS, DistortionModel
 from pivometer.errors import UsageError
 from pivometer.geometry.rigid import RigidTransform
 
@@ -66,6 +74,7 @@ def calibrate_rig(
     *,
     reference: str,
     method: Method = "joint",
+    distortion: DistortionModel = "radial2",
     weighted: bool = False,
 ) -> Calibration:
     """Calibrate all cameras and their relative poses from views of one board.
@@ -88,13 +97,17 @@ def calibrate_rig(
         The camera whose frame the results are in.
     method
         ``"joint"`` or ``"paper"``.
+    distortion
+        The distortion model of all cameras: ``"none"``, ``"radial2"`` (the paper's),
+        ``"brown5"`` or ``"rational8"``. A note says so where held-out edges show that the next
+        wider one is better.
     weighted
         Weight corners by their ``sigma_px`` instead of alike.
 
     Raises
     ------
     UsageError
-        If the reference or the camera of a view is not one of the cameras.
+        If the method or the distortion model does not exist, or the reference or the camera of a view is not one of the cameras.
     CalibrationError
         If the views do not determine the rig; the message names the camera and what to add.
 
@@ -102,10 +115,16 @@ def calibrate_rig(
     ----------
     Wilson et al., section IV and eq. (21).
     """
-    names = _names(views, image_sizes, reference, method)
+    _require_known(method, distortion)
+    names = _names(views, image_sizes, reference)
     alone = {
         n: calibrate_camera(
-            [v for v in views if v.camera == n], board, image_sizes[n], camera=n, weighted=weighted
+            [v for v in views if v.camera == n],
+            board,
+            image_sizes[n],
+            camera=n,
+            weighted=weighted,
+            distortion=distortion,
         )
         for n in names
     }
@@ -117,27 +136,36 @@ def calibrate_rig(
     joint = joint_fit(numbering.views, board, rig, weighted, tree)
     used = UsedViews(tuple(p.view for p in joint.posed), board, alone, tree, weighted)
     require_agreement(joint, alone)
+    require_invertible(joint)
     paper = used.paper_route()
     rejected = tuple(r for c in alone.values() for r in c.rejected)
     rejected += numbering.rejected + joint.rejected
     parts = _finish_joint(joint, used)
+    remarks = _remarks(numbering, parts.inflation)
+    remarks += wider_model_note(joint, used, parts.held_out)
     if method == "paper":
         parts = _finish_paper(paper, used, parts)
-    return _assembled(parts, used, paper, rejected, numbering, method)
+    return _assembled(parts, used, paper, rejected, remarks, method)
 
 
-def _names(
-    views: Sequence[BoardView],
-    image_sizes: Mapping[str, tuple[int, int]],
-    reference: str,
-    method: str,
-) -> tuple[str, ...]:
-    """Return the names of the cameras, the reference first, after checking what was asked."""
+def _require_known(method: str, distortion: str) -> None:
+    """Refuse a method or a distortion model that does not exist."""
     if method not in get_args(Method):
         raise UsageError(
             f"calibration method {method!r} is neither 'joint' nor 'paper'",
             next_step="choose one of the two",
         )
+    if distortion not in MODELS:
+        raise UsageError(
+            f"there is no distortion model {distortion!r}",
+            next_step=f"choose one of {', '.join(MODELS)}",
+        )
+
+
+def _names(
+    views: Sequence[BoardView], image_sizes: Mapping[str, tuple[int, int]], reference: str
+) -> tuple[str, ...]:
+    """Return the names of the cameras, the reference first, after checking them."""
     strange = sorted({v.camera for v in views} - set(image_sizes))
     if reference not in image_sizes or strange or len(image_sizes) < 2:
         raise UsageError(
@@ -181,7 +209,7 @@ class _Parts:
 
     rig: Rig
     covariance: Floats
-    held_out: LengthError
+    held_out: HeldOut
     poses: Mapping[tuple[str, str], RigidTransform]
     residuals_px: Mapping[tuple[str, str], Floats]
     noise_px: float
@@ -201,7 +229,7 @@ def _finish_joint(joint: JointFit, used: UsedViews) -> _Parts:
     return _Parts(
         joint.rig,
         covariance(joint.problem, joint.solution),
-        held_out_error(used.views, used.board, estimate),
+        held_out_lengths(used.views, used.board, estimate),
         {_key(p.view): p.camera_from_board for p in joint.posed},
         {_key(p.view): r for p, r in zip(joint.posed, joint.residuals_px, strict=True)},
         float(np.sqrt(residual_variance(joint.problem, joint.solution))),
@@ -224,11 +252,12 @@ def _finish_paper(paper: PaperRoute, used: UsedViews, joint: _Parts) -> _Parts:
     jackknife, rank = jackknife_covariance(used, paper.rig)
     counted = [residuals[_key(view)] for view in used.views]
     squares = sum(float(np.sum(r**2)) for r in counted)
-    redundancy = sum(r.size - 6 for r in counted) - 6 * len(used.alone)
+    unknowns = sum(len(c.camera.parameters) for c in used.alone.values())
+    redundancy = sum(r.size - 6 for r in counted) - unknowns
     return _Parts(
         paper.rig,
         shrunk_covariance(jackknife, rank, joint.covariance),
-        held_out_error(used.views, used.board, estimate),
+        held_out_lengths(used.views, used.board, estimate),
         poses,
         residuals,
         float(np.sqrt(squares / max(1, redundancy))),
@@ -239,9 +268,8 @@ def _finish_paper(paper: PaperRoute, used: UsedViews, joint: _Parts) -> _Parts:
 def _scale_covariance(rig: Rig, board: Board) -> Floats:
     """Return what the uncertainty of the square size adds: one scale for all baselines."""
     effect = np.zeros(len(rig.parameter_names))
-    count = len(rig.cameras)
     relative = (board.square_u_mm or 0.0) / board.square_mm
-    poses = effect[6 * count :].reshape(-1, 6)
+    poses = effect[-6 * (len(rig.cameras) - 1) :].reshape(-1, 6)
     poses[:, 3:] = [relative * t.translation_mm for t in rig.reference_from_camera[1:]]
     return np.outer(effect, effect)
 
@@ -251,32 +279,33 @@ def _assembled(
     used: UsedViews,
     paper: PaperRoute,
     rejected: tuple[RejectedView, ...],
-    numbering: Numbering,
+    remarks: tuple[str, ...],
     method: Method,
 ) -> Calibration:
     rig, board = parts.rig, used.board
     total = parts.covariance + _scale_covariance(rig, board)
-    cameras = []
-    for i, camera in enumerate(rig.cameras):
+    cameras, end = [], 0
+    for camera in rig.cameras:
         views = [v for v in used.views if v.camera == camera.name]
+        own = slice(end, end := end + len(camera.parameters))
         cameras.append(
             camera_quality(
                 camera,
                 views,
                 [parts.poses[_key(v)] for v in views],
                 [parts.residuals_px[_key(v)] for v in views],
-                total[6 * i : 6 * i + 6, 6 * i : 6 * i + 6],
+                total[own, own],
             )
         )
     notes = quality_notes(cameras, rig, pair_counts(used.views, used.tree))
-    notes += _remarks(numbering, parts.inflation)
+    notes += remarks
     return Calibration(
         rig=rig,
         covariance=total,
         edge_length_error=length_error(
             reconstructed_edges(used.views, board, rig), board.square_mm
         ),
-        held_out=parts.held_out,
+        held_out=parts.held_out.error(board.square_mm),
         cameras=tuple(cameras),
         epipolar_rms_px=epipolar_rms(used.views, rig),
         board=board,
@@ -300,7 +329,7 @@ def _remarks(numbering: Numbering, inflation: float) -> tuple[str, ...]:
     if inflation > 4:  # real boards with 0.2–0.5 mm of bow reach this, simulated noise 1.5
         notes.append(
             "the corners of an image miss together rather than each at random, as with a board "
-            "that is not flat, unsharp images or stronger distortion than two coefficients "
+            "that is not flat, unsharp images or distortion that the chosen model cannot "
             f"describe; the stated uncertainty is {np.sqrt(inflation):.1f} times larger for it"
         )
     return tuple(notes)

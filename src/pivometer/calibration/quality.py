@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from pivometer.calibration.metric_scale import length_error, reconstructed_edges
 from pivometer.calibration.result import CameraQuality, LengthError
 from pivometer.calibration.two_view import corrected_points
 from pivometer.cameras import Camera, Rig
+from pivometer.errors import CalibrationError, DataError
 from pivometer.geometry.rigid import RigidTransform, cross_matrix
 
 GRID = (8, 6)
@@ -26,14 +28,44 @@ def shared_moments(views: Sequence[BoardView]) -> tuple[str, ...]:
     return tuple(moment for moment, count in counts.items() if count > 1)
 
 
-def held_out_error(
+def undetermined(error: DataError) -> CalibrationError:
+    """Return the error of a distortion fitted so freely that it folds among the corners."""
+    return CalibrationError(
+        f"{error.what}; the board views do not determine as many coefficients",
+        next_step="choose a distortion model of fewer coefficients, or add board views that fill "
+        "the image",
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldOut:
+    """Lengths of board edges in pairs that the rig was not estimated from.
+
+    Parameters
+    ----------
+    lengths_mm
+        For each fold the lengths of the edges left out, shape (m,), mm.
+    """
+
+    lengths_mm: tuple[Floats, ...]
+
+    def error(self, edge_mm: float) -> LengthError:
+        """Return the error of all of them."""
+        return length_error(np.concatenate(self.lengths_mm), edge_mm)
+
+    def mean_squares_mm2(self, edge_mm: float) -> Floats:
+        """Return the mean square error of each fold, shape (folds,), mm²."""
+        return np.array([float(np.mean((fold - edge_mm) ** 2)) for fold in self.lengths_mm])
+
+
+def held_out_lengths(
     views: Sequence[BoardView],
     board: Board,
     estimate: Callable[[Sequence[str]], Rig],
     *,
     folds: int = 10,
-) -> LengthError:
-    """Return the error of board edges in pairs that the rig was not estimated from.
+) -> HeldOut:
+    """Reconstruct board edges in pairs that the rig was not estimated from.
 
     Parameters
     ----------
@@ -53,8 +85,17 @@ def held_out_error(
     for fold in range(count):
         out = set(shared[fold::count])
         rig = estimate([moment for moment in moments if moment not in out])
-        lengths.append(reconstructed_edges([v for v in views if v.view in out], board, rig))
-    return length_error(np.concatenate(lengths), board.square_mm)
+        lengths.append(_edges_of([v for v in views if v.view in out], board, rig))
+    return HeldOut(tuple(lengths))
+
+
+def _edges_of(views: Sequence[BoardView], board: Board, rig: Rig) -> Floats:
+    try:
+        return reconstructed_edges(views, board, rig)
+    except CalibrationError:
+        raise
+    except DataError as error:
+        raise undetermined(error) from error
 
 
 def epipolar_rms(views: Sequence[BoardView], rig: Rig) -> float:
@@ -118,7 +159,7 @@ def camera_quality(
     views, camera_from_board, residuals_px
         Its views with the board pose and the residuals (k, 2) of each.
     covariance
-        Covariance of ``camera.parameters``, shape (6, 6).
+        Covariance of ``camera.parameters``, shape (4+m, 4+m).
     """
     each = [float(np.sqrt(np.mean(np.sum(r**2, axis=1)))) for r in residuals_px]
     everything = np.concatenate(list(residuals_px))

@@ -49,7 +49,7 @@ class CameraQuality:
     view_count, corner_count
         What the calibration rests on.
     parameters_u
-        Standard uncertainties of f s_x, f s_y, o_x, o_y (px), β₁, β₂, shape (6,).
+        Standard uncertainties of the camera's parameters, in the order of their names, shape (4+m,).
     filled
         Fraction of the image, by cells of an 8×6 grid, in which corners were found.
     tilt_deg
@@ -71,7 +71,7 @@ class CameraQuality:
     worst_rms_px: float
 
     def __post_init__(self) -> None:
-        values = read_only(checked(self.parameters_u, (6,), "parameters_u"))
+        values = read_only(checked(self.parameters_u, (None,), "parameters_u"))
         object.__setattr__(self, "parameters_u", values)
 
 

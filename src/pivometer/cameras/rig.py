@@ -75,12 +75,11 @@ class Rig:
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the entries that `perturbed` takes and that a rig's covariance refers to.
 
-        For each camera six intrinsics; then for each further camera a rotation vector (rad, applied
+        For each camera its `Camera.parameter_names`; then for each further camera a rotation vector (rad, applied
         on the left of its rotation) and a translation (mm) of ``reference_from_camera``.
         """
-        intrinsics = ("fx_px", "fy_px", "ox_px", "oy_px", "beta1", "beta2")
         pose = ("rx_rad", "ry_rad", "rz_rad", "tx_mm", "ty_mm", "tz_mm")
-        return tuple(f"{c.name}.{p}" for c in self.cameras for p in intrinsics) + tuple(
+        return tuple(f"{c.name}.{p}" for c in self.cameras for p in c.parameter_names) + tuple(
             f"{c.name}.{p}" for c in self.cameras[1:] for p in pose
         )
 
@@ -89,11 +88,12 @@ class Rig:
 
         Rotations are perturbed on the left: R ← exp([δ]×) R.
         """
-        count = len(self.cameras)
-        values = checked(delta, (12 * count - 6,), "delta")
+        values = checked(delta, (len(self.parameter_names),), "delta")
+        ends = np.cumsum([len(camera.parameters) for camera in self.cameras])
+        *intrinsics, poses = np.split(values, ends)
         cameras = [
             camera.with_parameters(camera.parameters + step)
-            for camera, step in zip(self.cameras, values[: 6 * count].reshape(-1, 6), strict=True)
+            for camera, step in zip(self.cameras, intrinsics, strict=True)
         ]
         transforms = [self.reference_from_camera[0]] + [
             RigidTransform(
@@ -101,7 +101,7 @@ class Rig:
                 transform.translation_mm + step[3:],
             )
             for transform, step in zip(
-                self.reference_from_camera[1:], values[6 * count :].reshape(-1, 6), strict=True
+                self.reference_from_camera[1:], poses.reshape(-1, 6), strict=True
             )
         ]
         return Rig(cameras, transforms)

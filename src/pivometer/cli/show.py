@@ -11,14 +11,13 @@ from rich.text import Text
 
 from pivometer.calibration import Board, Calibration
 from pivometer.measurement import Measurement
-from pivometer.report.digits import error_decimals, fixed, with_uncertainty
+from pivometer.report.digits import error_decimals, fixed
+from pivometer.report.setup_tables import parameter_rows
 from pivometer.report.tables import Table, location_table, miss_table, rejected_table
 from pivometer.report.verdict import verdict
 
 if TYPE_CHECKING:
     from pivometer.pipeline import DemoOutcome
-
-_PARAMETERS = ("f·s_x, px", "f·s_y, px", "o_x, px", "o_y, px", "β₁", "β₂")
 
 
 def say(*lines: str) -> None:
@@ -115,16 +114,7 @@ def _camera_table(calibration: Calibration) -> Table:
     quality = {camera.name: camera for camera in calibration.cameras}
     cameras = [(camera, quality[camera.name]) for camera in calibration.rig.cameras]
     rows = [
-        (
-            name,
-            *(
-                with_uncertainty(float(camera.parameters[i]), float(fit.parameters_u[i]))
-                for camera, fit in cameras
-            ),
-        )
-        for i, name in enumerate(_PARAMETERS)
-    ]
-    rows += [
+        *parameter_rows(calibration),
         ("rms, px", *(f"{fit.rms_px:.3f}" for _, fit in cameras)),
         ("board views", *(str(fit.view_count) for _, fit in cameras)),
     ]

@@ -33,6 +33,10 @@ def alternatives_of(kind: object) -> tuple[Any, ...]:
     return get_args(kind) if get_origin(kind) in (Union, types.UnionType) else ()
 
 
+_RENAMED = {"beta": "distortion"}
+"""Names that early files have, and what they are called now."""
+
+
 # --- Out ---
 
 
@@ -148,7 +152,8 @@ def typed(kind: Any, value: Any, where: str = "") -> Any:
 
 
 def _dataclass(kind: Any, value: Any, where: str) -> Any:
-    content = _expect(dict, value, where)
+    stated = _expect(dict, value, where)
+    content = {_RENAMED.get(name, name): entry for name, entry in stated.items()}
     hints = annotations_of(kind)
     optional = {
         field.name

@@ -19,8 +19,6 @@ _SHAPES = {
     "rotation": (3, 3),
     "focal_px": (2,),
     "principal_point_px": (2,),
-    "beta": (2,),
-    "parameters_u": (6,),
     "covariance_mm2": (3, 3),
     "lines_mm2": (3, 3),
     "calibration_mm2": (3, 3),

@@ -12,6 +12,7 @@ from pivometer.calibration import (
     calibrate_rig,
     find_corners,
 )
+from pivometer.cameras.distortion import DistortionModel
 from pivometer.errors import DataError
 from pivometer.io.session import Session
 from pivometer.pipeline.reading import (
@@ -29,7 +30,11 @@ Method = Literal["joint", "paper"]
 
 
 def calibrate(
-    session: Session, *, method: Method = "joint", progress: Progress | None = None
+    session: Session,
+    *,
+    method: Method = "joint",
+    distortion: DistortionModel = "radial2",
+    progress: Progress | None = None,
 ) -> Calibration:
     """Calibrate a session's cameras from its board views.
 
@@ -40,6 +45,9 @@ def calibrate(
     method
         ``"joint"`` adjusts all cameras and views together; ``"paper"`` is the paper's two steps,
         (17)–(21).
+    distortion
+        The distortion model: ``"none"``, ``"radial2"`` (the paper's β₁, β₂), ``"brown5"`` or
+        ``"rational8"``.
     progress
         Called as ``progress(stage, done, total)``.
 
@@ -78,6 +86,7 @@ def calibrate(
         sizes,
         reference=session.reference,
         method=method,
+        distortion=distortion,
     )
     unseen = tuple(view for view in found if isinstance(view, RejectedView))
     return replace(

@@ -11,6 +11,7 @@ import numpy as np
 from pivometer._version import SOFTWARE
 from pivometer.calibration import Calibration
 from pivometer.cameras import Camera, Rig
+from pivometer.cameras.distortion import DistortionModel
 from pivometer.errors import (
     DataError,
     DegenerateGeometryError,
@@ -37,6 +38,7 @@ def measure(
     *,
     rig: Calibration | None = None,
     method: Method = "joint",
+    distortion: DistortionModel = "radial2",
     progress: Progress | None = None,
 ) -> Measurement:
     """Measure the RCM of a session.
@@ -47,7 +49,7 @@ def measure(
         What `load` returns.
     rig
         A calibration of the session's cameras; made from its board views where none is given.
-    method
+    method, distortion
         How to calibrate then: see `calibrate`.
     progress
         Called as ``progress(stage, done, total)``.
@@ -69,7 +71,7 @@ def measure(
     ----------
     Wilson et al., eqs. (1)–(16) and (22).
     """
-    calibration = rig or calibrate(session, method=method, progress=progress)
+    calibration = rig or calibrate(session, method=method, distortion=distortion, progress=progress)
     _refuse_other_cameras(session, calibration.rig)
     seen: dict[str, dict[str, ShaftEdges | DataError]] = {}
     reads: list[ReadImage] = []

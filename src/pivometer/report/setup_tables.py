@@ -6,19 +6,37 @@ import numpy as np
 
 from pivometer._arrays import Floats
 from pivometer.calibration.board import Board
+from pivometer.calibration.result import Calibration
 from pivometer.cameras.rig import Rig
 from pivometer.measurement import Measurement
 from pivometer.report.digits import error_decimals, fixed, with_uncertainty
 from pivometer.report.tables import Table
 
-_INTRINSICS = (
+_PINHOLE = (
     "focal length f·s_x, px",
     "focal length f·s_y, px",
     "principal point o_x, px",
     "principal point o_y, px",
-    "distortion β₁",
-    "distortion β₂",
 )
+_LENS = ("k₁ = β₁", "k₂ = β₂", "p₁", "p₂", "k₃", "k₄", "k₅", "k₆")
+
+
+def parameter_rows(calibration: Calibration) -> tuple[tuple[str, ...], ...]:
+    """Return a row for each intrinsic parameter, value ± standard uncertainty of each camera."""
+    quality = {camera.name: camera for camera in calibration.cameras}
+    rows = []
+    for i, name in enumerate((*_PINHOLE, *(f"distortion {lens}" for lens in _LENS))):
+        cells = [
+            with_uncertainty(
+                float(camera.parameters[i]), float(quality[camera.name].parameters_u[i])
+            )
+            if i < len(camera.parameters)
+            else ""
+            for camera in calibration.rig.cameras
+        ]
+        if any(cells):
+            rows.append((name, *cells))
+    return tuple(rows)
 
 
 def camera_table(measurement: Measurement) -> Table:
@@ -28,16 +46,7 @@ def camera_table(measurement: Measurement) -> Table:
     quality = {camera.name: camera for camera in calibration.cameras}
     known = [quality[camera.name] for camera in rig.cameras]
     rows = [
-        (
-            name,
-            *(
-                with_uncertainty(float(camera.parameters[i]), float(fit.parameters_u[i]))
-                for camera, fit in zip(rig.cameras, known, strict=True)
-            ),
-        )
-        for i, name in enumerate(_INTRINSICS)
-    ]
-    rows += [
+        *parameter_rows(calibration),
         ("image size, px", *(f"{camera.width} × {camera.height}" for camera in rig.cameras)),
         ("reprojection rms, px", *(f"{fit.rms_px:.3f}" for fit in known)),
         ("board views used", *(str(fit.view_count) for fit in known)),

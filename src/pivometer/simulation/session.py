@@ -187,7 +187,7 @@ def rig_dict(rig: Rig) -> dict[str, Any]:
             "fy_px": float(camera.focal_px[1]),
             "ox_px": float(camera.principal_point_px[0]),
             "oy_px": float(camera.principal_point_px[1]),
-            "beta": camera.beta.tolist(),
+            "beta": camera.distortion.tolist(),
             "reference_from_camera": transform_dict(transform),
         }
     return cameras
