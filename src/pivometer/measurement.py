@@ -3,11 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from pivometer._arrays import Floats, checked, read_only
 from pivometer.calibration.board import Board
 from pivometer.calibration.procedure import Calibration
+from pivometer.calibration.result import RejectedView
+from pivometer.geometry.rigid import RigidTransform
 from pivometer.rcm.result import Finding, RcmSolution
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.triangulation import Centerline
+from pivometer.uncertainty.frame import BoardFrameUncertainty
 from pivometer.uncertainty.propagation import LocationUncertainty
 
 
@@ -110,6 +114,79 @@ class Setup:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class BoardCenterline:
+    """A used pose's centerline in the reference board's frame.
+
+    Parameters
+    ----------
+    pose
+        The file stem of its images.
+    point_mm
+        The point of `Centerline.point_mm`, shape (3,), mm.
+    direction
+        Its direction, unit length, shape (3,).
+    """
+
+    pose: str
+    point_mm: Floats
+    direction: Floats
+
+    def __post_init__(self) -> None:
+        for name in ("point_mm", "direction"):
+            object.__setattr__(self, name, read_only(checked(getattr(self, name), (3,), name)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoardFrame:
+    """The result in the frame of the board that stood still under ``reference/``.
+
+    The frame has its origin at the board's inner corner 0, x across, y down and z away from the
+    viewer. Distances of centerlines from the RCM are the same in every frame.
+
+    Parameters
+    ----------
+    reference_from_board
+        The board's pose in the reference camera's frame.
+    covariance
+        Its covariance, corners and calibration: rotation vector applied on the left (rad), then
+        translation (mm), shape (6, 6).
+    minimax_point_mm, least_squares_point_mm
+        Both RCM points in the board's frame, shape (3,), mm.
+    uncertainty
+        Of the least-squares point in this frame.
+    centerlines
+        The centerlines of the used poses in this frame, in the order of the poses.
+    views
+        The views that show the board.
+    rejected
+        Views in which it was not found.
+    rms_px
+        Root-mean-square distance between mean corners and projected ones, px.
+    note
+        How an ambiguous board was numbered; empty where it is not ambiguous.
+    """
+
+    reference_from_board: RigidTransform
+    covariance: Floats
+    minimax_point_mm: Floats
+    least_squares_point_mm: Floats
+    uncertainty: BoardFrameUncertainty
+    centerlines: tuple[BoardCenterline, ...]
+    views: tuple[str, ...]
+    rejected: tuple[RejectedView, ...]
+    rms_px: float
+    note: str
+
+    def __post_init__(self) -> None:
+        for name, shape in (
+            ("covariance", (6, 6)),
+            ("minimax_point_mm", (3,)),
+            ("least_squares_point_mm", (3,)),
+        ):
+            object.__setattr__(self, name, read_only(checked(getattr(self, name), shape, name)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Measurement:
     """The measured RCM with its error, its uncertainty and everything it rests on.
 
@@ -133,6 +210,8 @@ class Measurement:
         those behind a calibration from elsewhere stand under ``calibration.inputs``.
     software
         ``pivometer`` and the version.
+    board_frame
+        The same in the frame of the board under ``reference/``; `None` without such a board.
     """
 
     rcm: RcmSolution
@@ -143,6 +222,7 @@ class Measurement:
     setup: Setup
     inputs: Mapping[str, str]
     software: str
+    board_frame: BoardFrame | None = None
 
     @property
     def reference_camera(self) -> str:

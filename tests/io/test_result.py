@@ -26,7 +26,7 @@ from pivometer.io.result import (
     rig_text,
 )
 from pivometer.io.schema import schema
-from pivometer.measurement import Measurement, RejectedPose, UsedPose
+from pivometer.measurement import BoardFrame, Measurement, RejectedPose, UsedPose
 
 SHAPES = {
     "point_mm": (3,),
@@ -39,6 +39,8 @@ SHAPES = {
     "normals_covariance": (6, 6),
     **dict.fromkeys(("sigma_px", "angle_sigma_rad", "contrast", "used_part"), (2,)),
     **dict.fromkeys(("covariance_mm2", "lines_mm2", "calibration_mm2", "total_mm2"), (3, 3)),
+    **dict.fromkeys(("minimax_point_mm", "least_squares_point_mm"), (3,)),
+    "board_mm2": (3, 3),
 }
 RNG = np.random.default_rng(11)
 
@@ -56,6 +58,7 @@ def example(kind: Any, name: str = "") -> Any:
     """Return some value of a type: every number different, every digit of it in use."""
     made_by_hand = {
         Rig: rig,
+        RigidTransform: lambda: RigidTransform.from_rotation_vector(RNG.random(3), RNG.random(3)),
         Board: lambda: Board("charuco", (9, 7), 15.1, 0.01, "DICT_4X4_50", 11.3),
         BoardView: lambda: BoardView("left", "board/é", [0, 3], RNG.random((2, 2)), RNG.random(2)),
         float: lambda: float(RNG.random() * 10.0 ** RNG.integers(-9, 9)),
@@ -83,6 +86,8 @@ def example_dataclass(kind: type) -> Any:
     if kind is Calibration:
         size = len(values["rig"].parameter_names)
         values["covariance"] = RNG.random((size, size))
+    if kind is BoardFrame:
+        values["covariance"] = RNG.random((6, 6))
     defaults = {field.name: field.default for field in fields(kind) if field.name == "status"}
     return kind(**values | defaults)
 

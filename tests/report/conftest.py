@@ -1,6 +1,7 @@
 """A measurement made up from known geometry: the paper's set-up with 70 poses and 2 rejected."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -16,11 +17,19 @@ from pivometer.calibration.result import (
 )
 from pivometer.cameras import Camera, Rig
 from pivometer.geometry import RigidTransform
-from pivometer.measurement import Measurement, PoseDistances, RejectedPose, Setup, UsedPose
+from pivometer.measurement import (
+    BoardFrame,
+    Measurement,
+    PoseDistances,
+    RejectedPose,
+    Setup,
+    UsedPose,
+)
 from pivometer.rcm import Finding, solve
 from pivometer.report import Provenance, Thumbnail, make_thumbnail
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.triangulation import Centerline
+from pivometer.uncertainty.frame import BoardFrameUncertainty
 from pivometer.uncertainty.propagation import LocationUncertainty
 
 RCM_MM = np.array([6.436, 65.741, 478.266])
@@ -218,3 +227,33 @@ def thumbnails(measurement: Measurement) -> Mapping[tuple[str, str], Thumbnail]:
 @pytest.fixture(scope="session")
 def provenance() -> Provenance:
     return fake_provenance()
+
+
+@pytest.fixture(scope="session")
+def with_board_frame(measurement: Measurement) -> Measurement:
+    """The measurement with a board that stood 40 mm from the RCM."""
+    pose = RigidTransform.from_rotation_vector([0.0, -0.7, 0.1], RCM_MM - [30.0, 20.0, 10.0])
+    to_board = pose.inverse()
+    lines, corners = np.diag([1e-5, 3e-5, 1e-5]), np.diag([1e-5, 1e-5, 2e-5])
+    frame = BoardFrame(
+        reference_from_board=pose,
+        covariance=np.eye(6) * 1e-8,
+        minimax_point_mm=to_board @ measurement.rcm.minimax.point_mm,
+        least_squares_point_mm=to_board @ measurement.rcm.least_squares.point_mm,
+        uncertainty=BoardFrameUncertainty(
+            lines_mm2=lines,
+            calibration_mm2=corners,
+            board_mm2=corners,
+            total_mm2=lines + 2 * corners,
+            degrees_of_freedom=140.0,
+            coverage=0.95,
+            coverage_factor=1.98,
+            expanded_mm=1.98 * np.sqrt(np.diag(lines + 2 * corners)),
+        ),
+        centerlines=(),
+        views=("reference/000", "reference/001"),
+        rejected=(),
+        rms_px=0.021,
+        note="the reference board looks the same after a turn in its plane",
+    )
+    return replace(measurement, board_frame=frame)

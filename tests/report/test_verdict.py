@@ -1,5 +1,6 @@
 from pivometer.rcm import Finding
 from pivometer.report import verdict
+from pivometer.report.tables import board_location_table
 
 
 def test_sentence_holds_the_numbers(measurement):
@@ -29,3 +30,21 @@ def test_a_refusal_comes_without_any_number(make_measurement):
 
 def test_a_warning_leaves_the_answer_usable(make_measurement):
     assert verdict(make_measurement(count=5, findings=(Finding("warning", "a", "b"),))).usable
+
+
+def test_the_location_is_given_in_the_reference_boards_frame_first(with_board_frame):
+    said = verdict(with_board_frame)
+    frame = with_board_frame.board_frame
+    x, u = frame.least_squares_point_mm[0], frame.uncertainty.expanded_mm[0]
+    board, _, camera = said.sentence.partition(", and at ")
+    assert f"({x:.3f} ± {u:.3f}, " in board
+    assert "in the frame of the reference board (95 % coverage, k = 1.98)" in board
+    assert "in the frame of camera “left”" in camera
+
+
+def test_the_report_tabulates_the_boards_frame(with_board_frame, measurement):
+    table = board_location_table(with_board_frame)
+    assert [row[0] for row in table.rows] == ["x", "y", "z"]
+    assert "reference board" in table.caption
+    assert "looks the same" in table.note
+    assert board_location_table(measurement) is None

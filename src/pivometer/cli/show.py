@@ -13,7 +13,13 @@ from pivometer.calibration import Board, Calibration
 from pivometer.measurement import Measurement
 from pivometer.report.digits import error_decimals, fixed
 from pivometer.report.setup_tables import parameter_rows
-from pivometer.report.tables import Table, location_table, miss_table, rejected_table
+from pivometer.report.tables import (
+    Table,
+    board_location_table,
+    location_table,
+    miss_table,
+    rejected_table,
+)
 from pivometer.report.verdict import verdict
 
 if TYPE_CHECKING:
@@ -48,6 +54,9 @@ def show_measurement(
     """Print the verdict, both points, what was rejected and where the files are."""
     told = verdict(measurement)
     say(told.sentence, told.rejected, "")
+    board = board_location_table(measurement)
+    if board is not None:
+        show_table(board)
     show_table(location_table(measurement))
     show_table(miss_table(measurement))
     if measurement.rejected:

@@ -117,6 +117,11 @@ class Session:
         """All images of the empty scene by one camera."""
         yield from (images[camera] for images in self.background.values() if camera in images)
 
+    def fixed_board_images(self, group: Literal["reference", "closing"]) -> Iterator[ImageFile]:
+        """All images of the board beside the RCM, or of the board at the end."""
+        for images in (self.reference_views if group == "reference" else self.closing).values():
+            yield from (images[camera] for camera in self.cameras if camera in images)
+
     def require(self, group: Literal["board", "shaft"]) -> None:
         """Check that the session has images of the board, or of the shaft.
 

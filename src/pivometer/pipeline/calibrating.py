@@ -75,7 +75,7 @@ def calibrate(
         for name in session.cameras
     }
     found = in_threads(
-        lambda read: _corners(read, session, sizes[read.file.camera]),
+        lambda read: corners(read, session, sizes[read.file.camera]),
         reads,
         "finding boards",
         progress,
@@ -96,7 +96,8 @@ def calibrate(
     )
 
 
-def _corners(read: ReadImage, session: Session, size: tuple[int, int]) -> BoardView | RejectedView:
+def corners(read: ReadImage, session: Session, size: tuple[int, int]) -> BoardView | RejectedView:
+    """Find the board in an image, or say why it is not there."""
     try:
         image = usable(read, size)
         return find_corners(image, session.board, camera=read.file.camera, view=read.file.view)

@@ -24,6 +24,7 @@ from pivometer.io.images import Image
 from pivometer.io.session import Session
 from pivometer.measurement import Measurement, PoseDistances, RejectedPose, Setup, UsedPose
 from pivometer.pipeline.calibrating import Method, calibrate
+from pivometer.pipeline.framing import with_board_frame
 from pivometer.pipeline.reading import Progress, ReadImage, hashes, in_threads, read, usable
 from pivometer.rcm import geometry_findings, solve
 from pivometer.shaft.detection import SeedRejection, ShaftSeed, find_shaft
@@ -83,7 +84,8 @@ def measure(
         reads += [*frames, *background]
     poses = _poses(session, calibration.rig, seen)
     inputs = ({} if rig else dict(calibration.inputs)) | hashes(reads)
-    return _measurement(session, calibration, poses, inputs)
+    measurement = _measurement(session, calibration, poses, inputs)
+    return with_board_frame(measurement, session, progress)
 
 
 def _refuse_other_cameras(session: Session, rig: Rig) -> None:

@@ -156,6 +156,7 @@ def _tables(measurement: Measurement) -> dict[str, object]:
     return {
         "verdict": verdict(measurement),
         "location": tables.location_table(measurement),
+        "board_location": tables.board_location_table(measurement),
         "misses": tables.miss_table(measurement),
         "paper": tables.paper_table(measurement),
         "poses": tables.pose_table(measurement, numbers),

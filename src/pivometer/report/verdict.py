@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from pivometer._arrays import Floats
 from pivometer.measurement import Measurement
 from pivometer.report.digits import error_decimals, fixed, with_uncertainty
 
@@ -53,17 +54,30 @@ def _misses(measurement: Measurement) -> str:
 
 
 def _location(measurement: Measurement) -> str:
-    uncertainty = measurement.uncertainty
-    location = ", ".join(
-        with_uncertainty(float(value), float(expanded))
-        for value, expanded in zip(
-            measurement.rcm.least_squares.point_mm, uncertainty.expanded_mm, strict=True
+    """Say where the RCM is: in the reference board's frame first, where there is one."""
+    uncertainty, frame = measurement.uncertainty, measurement.board_frame
+    camera = f"the frame of camera “{measurement.reference_camera}”"
+    point = _place(measurement.rcm.least_squares.point_mm, uncertainty.expanded_mm)
+    if frame is None:
+        return (
+            f"The RCM lies at {point} mm in {camera} "
+            f"({_coverage(uncertainty.coverage, uncertainty.coverage_factor)})."
         )
-    )
+    inside = _place(frame.least_squares_point_mm, frame.uncertainty.expanded_mm)
     return (
-        f"The RCM lies at ({location}) mm in the frame of camera “{measurement.reference_camera}” "
-        f"({100 * uncertainty.coverage:.0f} % coverage, k = {uncertainty.coverage_factor:.2f})."
+        f"The RCM lies at {inside} mm in the frame of the reference board "
+        f"({_coverage(frame.uncertainty.coverage, frame.uncertainty.coverage_factor)}), "
+        f"and at {point} mm in {camera} (k = {uncertainty.coverage_factor:.2f})."
     )
+
+
+def _place(point_mm: Floats, expanded_mm: Floats) -> str:
+    values = zip(point_mm, expanded_mm, strict=True)
+    return f"({', '.join(with_uncertainty(float(value), float(u)) for value, u in values)})"
+
+
+def _coverage(coverage: float, factor: float) -> str:
+    return f"{100 * coverage:.0f} % coverage, k = {factor:.2f}"
 
 
 def _rejected(measurement: Measurement) -> str:

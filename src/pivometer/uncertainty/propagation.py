@@ -128,9 +128,9 @@ def location_uncertainty(
     """
     size = len(rig.parameter_names)
     covariance = checked(rig_covariance, (size, size), "rig_covariance")
-    points = _thinned(edges, [camera.name for camera in rig.cameras])
-    rcm = _rcm_of(points, rig)
-    root = _square_root(covariance)
+    points = thinned_points(edges, [camera.name for camera in rig.cameras])
+    rcm = rcm_of_points(points, rig)
+    root = square_root(covariance)
     jacobian = jacobian_by_differences(
         lambda independent: _location_max_rms(points, rig.perturbed(root @ independent)),
         np.zeros(root.shape[1]),
@@ -195,7 +195,7 @@ def _combined(rcm: LeastSquaresRcm, calibration: Floats, coverage: float) -> Loc
     )
 
 
-def _thinned(edges: Sequence[Sequence[EdgePoints]], cameras: Sequence[str]) -> list[Floats]:
+def thinned_points(edges: Sequence[Sequence[EdgePoints]], cameras: Sequence[str]) -> list[Floats]:
     """Return for each camera evenly chosen points of all poses, shape (n, 2, 16, 2), px."""
     for number, pose in enumerate(edges):
         seen = [one.camera for one in pose]
@@ -218,7 +218,7 @@ def _evenly_chosen(points_px: ArrayLike) -> Floats:
     return points[:, chosen]
 
 
-def _rcm_of(points_px: Sequence[Floats], rig: Rig) -> LeastSquaresRcm:
+def rcm_of_points(points_px: Sequence[Floats], rig: Rig) -> LeastSquaresRcm:
     """Return the least-squares RCM of raw edge points seen by a rig: (22), (6)–(16), 2-norm."""
     normals = np.stack(
         [edge_normals(p, camera) for p, camera in zip(points_px, rig.cameras, strict=True)], axis=1
@@ -229,11 +229,11 @@ def _rcm_of(points_px: Sequence[Floats], rig: Rig) -> LeastSquaresRcm:
 
 def _location_max_rms(points_px: Sequence[Floats], rig: Rig) -> Floats:
     """Return the location of the RCM, its largest and its rms distance, shape (5,), mm."""
-    rcm = _rcm_of(points_px, rig)
+    rcm = rcm_of_points(points_px, rig)
     return np.array([*rcm.point_mm, rcm.max_mm, rcm.rms_mm])
 
 
-def _square_root(covariance: Floats) -> Floats:
+def square_root(covariance: Floats) -> Floats:
     """Return a matrix with root @ root.T = covariance, shape (d, r), r the rank.
 
     The correlations are decomposed, not the covariance, so that units do not matter.
