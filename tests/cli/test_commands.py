@@ -15,7 +15,7 @@ from pivometer.cli import main
 from pivometer.cli.front_page import FRONT_PAGE
 from pivometer.errors import CalibrationError, PivometerError, SessionError
 
-COMMANDS = ("demo", "simulate", "calibrate", "measure", "target", "schema")
+COMMANDS = ("demo", "simulate", "calibrate", "measure", "target", "solve", "schema")
 
 
 @dataclass
@@ -57,11 +57,13 @@ def calls(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Calls:
         "demo": "outcome",
         "write_calibration": tmp_path / "rig.json",
         "write_target": tmp_path / "target.pdf",
+        "solve_lines": "solved",
+        "write_solution": tmp_path / "rcm.json",
         "write_measurement": {"report.html": tmp_path / "report.html"},
     }
     for name, answer in answers.items():
         monkeypatch.setattr(pipeline, name, calls.record(name, answer))
-    for name in ("show_demo", "show_measurement", "show_calibration"):
+    for name in ("show_demo", "show_measurement", "show_calibration", "show_solution"):
         monkeypatch.setattr(f"pivometer.cli.show.{name}", lambda *_, **__: None)
     return calls
 
@@ -183,6 +185,13 @@ def test_target_gives_a_checkerboard_no_markers(
     assert main(["target", option]) == 2
     assert "next:  add --kind charuco" in capsys.readouterr().err
     assert calls.made == []
+
+
+def test_solve_writes_only_where_it_is_told(calls: Calls, tmp_path: Path) -> None:
+    assert main(["solve", "lines.csv"]) == 0
+    assert [name for name, _, _ in calls.made] == ["solve_lines"]
+    assert main(["solve", "lines.csv", "--output", str(tmp_path)]) == 0
+    assert calls.made[-1] == ("write_solution", ("solved", tmp_path), {})
 
 
 def test_schema_is_json(capsys: pytest.CaptureFixture[str]) -> None:

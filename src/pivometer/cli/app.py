@@ -278,6 +278,33 @@ def target(
 
 @app.command(
     help_prologue="""\
+Example:  pivometer solve my-session/results/centerlines.csv
+          the RCM of lines from anywhere: no camera, no pictures.
+"""
+)
+def solve(
+    lines: Annotated[Path, Parameter(name="LINES.csv")], /, *, output: Path | None = None
+) -> None:
+    """Solve for the RCM of lines from a CSV file.
+
+    Parameters
+    ----------
+    lines
+        Columns point_x_mm, point_y_mm, point_z_mm, direction_x, direction_y, direction_z, and pose
+        if you like; without a heading the six in this order.
+    output
+        Folder to write rcm.json into; nothing is written where none is given.
+    """
+    from pivometer import pipeline
+    from pivometer.cli.show import show_solution
+
+    solved = pipeline.solve_lines(lines)
+    path = None if output is None else pipeline.write_solution(solved, output)
+    show_solution(solved, path)
+
+
+@app.command(
+    help_prologue="""\
 Example:  pivometer schema > result.schema.json
 """
 )

@@ -22,6 +22,7 @@ Commands:
   calibrate  Calibrate the cameras of a session from its board views.
   measure    Measure the RCM of a session and write the report.
   target     Draw a calibration board to print, as PDF or SVG.
+  solve      Solve for the RCM of lines from a CSV file.
   schema     Print the JSON Schema of result.json.
 
   pivometer COMMAND --help says more, with an example.

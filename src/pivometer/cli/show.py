@@ -4,11 +4,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table as TerminalTable
 from rich.text import Text
 
+from pivometer._arrays import Floats
 from pivometer.calibration import Board, Calibration
 from pivometer.measurement import Measurement
 from pivometer.report.digits import error_decimals, fixed
@@ -23,7 +25,7 @@ from pivometer.report.tables import (
 from pivometer.report.verdict import verdict
 
 if TYPE_CHECKING:
-    from pivometer.pipeline import DemoOutcome
+    from pivometer.pipeline import DemoOutcome, SolvedLines
 
 
 def say(*lines: str) -> None:
@@ -110,6 +112,58 @@ def show_target(board: Board, path: Path) -> None:
             "together;",
             "        with an odd and an even number of squares, every single view is clear.",
         )
+
+
+def show_solution(solved: "SolvedLines", path: Path | None) -> None:
+    """Print both points of lines from a file, the lines farthest from them, and the findings."""
+    rcm = solved.rcm
+    say(
+        f"{len(solved.lines.names)} lines of {solved.lines.source} fill a cone of "
+        f"{rcm.cone_deg:.0f}°.",
+        "",
+    )
+    show_table(_points_table(solved))
+    for finding in solved.findings:
+        say(f"{finding.severity}: {finding.text}; next: {finding.next_step}")
+    if path is not None:
+        say(f"rcm.json: {path}")
+
+
+def _points_table(solved: "SolvedLines") -> Table:
+    """Tabulate both points: where, with standard uncertainties, and how far the lines miss them."""
+    minimax, squares = solved.rcm.minimax, solved.rcm.least_squares
+    decimals = error_decimals([minimax.max_mm, minimax.rms_mm, squares.rms_mm])
+    sigmas = np.sqrt(np.maximum(squares.covariance_mm2.diagonal(), 0))
+    rows = [
+        (
+            f"{axis}, mm",
+            fixed(float(minimax.point_mm[i]), decimals),
+            with_uncertainty(float(squares.point_mm[i]), float(sigmas[i])),
+        )
+        for i, axis in enumerate("xyz")
+    ]
+    rows += [
+        (
+            "largest miss (max), mm",
+            fixed(minimax.max_mm, decimals),
+            fixed(squares.max_mm, decimals),
+        ),
+        ("rms miss, mm", fixed(minimax.rms_mm, decimals), fixed(squares.rms_mm, decimals)),
+        (
+            "farthest line",
+            _farthest(solved, minimax.distances_mm),
+            _farthest(solved, squares.distances_mm),
+        ),
+    ]
+    return Table(
+        "RCM in the frame of the lines (± standard uncertainty from their scatter)",
+        ("", "minimax", "least squares"),
+        tuple(rows),
+    )
+
+
+def _farthest(solved: "SolvedLines", distances_mm: Floats) -> str:
+    return solved.lines.names[int(np.argmax(distances_mm))]
 
 
 def _say_ignored(ignored: Sequence[str]) -> None:

@@ -4,17 +4,21 @@ from pivometer.io.session import load
 from pivometer.pipeline.calibrating import calibrate
 from pivometer.pipeline.measuring import measure
 from pivometer.pipeline.simulating import DemoOutcome, demo, simulate, true_rcm
+from pivometer.pipeline.solving import SolvedLines, solve_lines, write_solution
 from pivometer.pipeline.writing import write_calibration, write_measurement, write_target
 
 __all__ = [
     "DemoOutcome",
+    "SolvedLines",
     "calibrate",
     "demo",
     "load",
     "measure",
     "simulate",
+    "solve_lines",
     "true_rcm",
     "write_calibration",
     "write_measurement",
+    "write_solution",
     "write_target",
 ]

@@ -1,0 +1,187 @@
+"""Lines in space from a CSV file: ``centerlines.csv``, or one that somebody else wrote."""
+
+import csv
+import hashlib
+import io
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pivometer._arrays import Floats, checked, read_only
+from pivometer.errors import UsageError
+
+_POINT = tuple((f"point_{axis}", f"p{axis}", axis) for axis in "xyz")
+_DIRECTION = tuple((f"direction_{axis}", f"d{axis}", f"dir_{axis}") for axis in "xyz")
+_NAME = ("pose", "name", "line", "id")
+
+_COLUMNS_HELP = (
+    "head the columns point_x_mm, point_y_mm, point_z_mm, direction_x, direction_y, direction_z, "
+    "or leave the heading out and give these six in this order"
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lines:
+    """Lines as read from a file.
+
+    Parameters
+    ----------
+    names
+        What the file calls each line; its line number in the file where it has no names.
+    points_mm, directions
+        A point on each line, mm, and its direction, shape (n, 3) each.
+    source
+        The file's name.
+    sha256
+        Of the file.
+    """
+
+    names: tuple[str, ...]
+    points_mm: Floats
+    directions: Floats
+    source: str
+    sha256: str
+
+    def __post_init__(self) -> None:
+        for name in ("points_mm", "directions"):
+            object.__setattr__(self, name, read_only(checked(getattr(self, name), (None, 3), name)))
+
+
+def read_lines(path: Path | str) -> Lines:
+    """Read lines from CSV, separated by commas, semicolons or tabs.
+
+    With a heading the columns may stand in any order beside others: ``point_x_mm`` … and
+    ``direction_x`` …, with or without ``_mm``; ``px`` … or ``x`` … and ``dx`` … do as well, and
+    ``pose`` names the lines. Without a heading the columns are point x, y, z (mm) and direction
+    x, y, z. Empty lines and those that begin with ``#`` are passed over.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read or something in it is no line; the message gives the line number.
+    """
+    file = Path(path)
+    content = _content(file)
+    rows = list(_rows(_text(content, file)))
+    if not rows:
+        raise UsageError("holds no lines", next_step=_COLUMNS_HELP, path=file)
+    heading = None if _is_numeric(rows[0][1]) else rows.pop(0)
+    columns = _columns(heading, rows, file)
+    if not rows:
+        raise UsageError("holds a heading but no lines", next_step="add the lines", path=file)
+    values = [_numbers(number, row, columns, file) for number, row in rows]
+    return Lines(
+        names=_names(heading, rows),
+        points_mm=checked([row[:3] for row in values], (None, 3), "points_mm"),
+        directions=checked([row[3:] for row in values], (None, 3), "directions"),
+        source=file.name,
+        sha256=hashlib.sha256(content).hexdigest(),
+    )
+
+
+def _content(file: Path) -> bytes:
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise UsageError(
+            f"cannot be read: {error.strerror}", next_step="check the path", path=file
+        ) from error
+
+
+def _text(content: bytes, file: Path) -> str:
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise UsageError(
+            f"line {line}: is not UTF-8 text", next_step="save it as CSV in UTF-8", path=file
+        ) from error
+
+
+def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the rows that hold something, with their line numbers."""
+    first = next((line for line in text.splitlines() if line.strip()[:1] not in ("", "#")), "")
+    separator = max(",;\t", key=first.count)
+    reader = csv.reader(io.StringIO(text), delimiter=separator)
+    for row in reader:
+        cells = [cell.strip() for cell in row]
+        if any(cells) and not cells[0].startswith("#"):
+            yield reader.line_num, cells
+
+
+def _number(cell: str) -> float:
+    """Return a finite number, or NaN for whatever else a cell holds."""
+    try:
+        value = float(cell)
+    except ValueError:
+        return math.nan
+    return value if math.isfinite(value) else math.nan
+
+
+def _is_numeric(row: Sequence[str]) -> bool:
+    """Tell a row of numbers from a heading: a heading holds no number at all."""
+    return any(not math.isnan(_number(cell)) for cell in row)
+
+
+def _columns(
+    heading: tuple[int, list[str]] | None, rows: Sequence[tuple[int, list[str]]], file: Path
+) -> list[int]:
+    """Return where the six numbers stand in each row."""
+    if heading is None:
+        number, row = rows[0]
+        if len(row) != 6:
+            raise UsageError(
+                f"line {number}: has no heading and {len(row)} columns, not 6",
+                next_step=_COLUMNS_HELP,
+                path=file,
+            )
+        return list(range(6))
+    number, titles = heading
+    known = [title.lower().removesuffix("_mm") for title in titles]
+    columns = []
+    for names in (*_POINT, *_DIRECTION):
+        found = next((known.index(name) for name in names if name in known), None)
+        if found is None:
+            raise UsageError(
+                f"line {number}: has no column {names[0]}; its columns are {', '.join(titles)}",
+                next_step=_COLUMNS_HELP,
+                path=file,
+            )
+        columns.append(found)
+    return columns
+
+
+def _numbers(number: int, row: Sequence[str], columns: Sequence[int], file: Path) -> list[float]:
+    """Return the six numbers of a row: a point, and a direction that has a length."""
+    if len(row) <= max(columns):
+        raise UsageError(
+            f"line {number}: has {len(row)} cells, but {max(columns) + 1} are needed",
+            next_step="complete the line or remove it",
+            path=file,
+        )
+    values = [_number(row[column]) for column in columns]
+    for value, column in zip(values, columns, strict=True):
+        if math.isnan(value):
+            raise UsageError(
+                f"line {number}, column {column + 1}: {row[column]!r} is not a finite number",
+                next_step="correct the line or remove it",
+                path=file,
+            )
+    if not any(values[3:]):
+        raise UsageError(
+            f"line {number}: its direction is zero",
+            next_step="correct the line or remove it",
+            path=file,
+        )
+    return values
+
+
+def _names(
+    heading: tuple[int, list[str]] | None, rows: Sequence[tuple[int, list[str]]]
+) -> tuple[str, ...]:
+    titles = [] if heading is None else [title.lower() for title in heading[1]]
+    column = next((titles.index(name) for name in _NAME if name in titles), None)
+    return tuple(
+        str(number) if column is None or column >= len(row) else row[column] for number, row in rows
+    )

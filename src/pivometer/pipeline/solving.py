@@ -1,0 +1,70 @@
+"""From lines that somebody else measured to the RCM."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pivometer._version import SOFTWARE
+from pivometer.errors import DegenerateGeometryError
+from pivometer.io.atomic import write_files
+from pivometer.io.codec import json_text, jsonable
+from pivometer.io.lines import Lines, read_lines
+from pivometer.rcm import Finding, RcmSolution, geometry_findings, solve
+
+RCM_SCHEMA = "pivometer/rcm/1"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SolvedLines:
+    """The RCM of lines from a file.
+
+    Parameters
+    ----------
+    lines
+        The lines, in their own frame.
+    rcm
+        Both RCM points. The covariance holds the scatter of the lines only: what all lines have in
+        common, such as the calibration of the instrument they come from, is not in it.
+    findings
+        What weakens the answer, in plain words.
+    """
+
+    lines: Lines
+    rcm: RcmSolution
+    findings: tuple[Finding, ...]
+
+
+def solve_lines(path: Path | str) -> SolvedLines:
+    """Solve for the RCM of the lines in a CSV file: see `read_lines` for its columns.
+
+    Raises
+    ------
+    UsageError
+        If the file is not what it should be; the message gives the line number.
+    DegenerateGeometryError
+        If the lines cannot support an answer.
+    """
+    lines = read_lines(path)
+    rcm = solve(lines.points_mm, lines.directions)
+    findings = geometry_findings(lines.points_mm, lines.directions, rcm)
+    for finding in findings:
+        if finding.severity == "refusal":
+            raise DegenerateGeometryError(finding.text, next_step=finding.next_step, path=path)
+    return SolvedLines(lines, rcm, findings)
+
+
+def write_solution(solved: SolvedLines, folder: Path | str) -> Path:
+    """Write ``rcm.json`` into a folder, whole or not at all, and return its path.
+
+    Its ``rcm`` and ``findings`` have the names and meaning of those in ``result.json``.
+    """
+    content = {
+        "schema": RCM_SCHEMA,
+        "software": SOFTWARE,
+        "inputs": {solved.lines.source: solved.lines.sha256},
+        "lines": list(solved.lines.names),
+        "rcm": jsonable(solved.rcm),
+        "findings": jsonable(solved.findings),
+    }
+    return write_files(folder, {"rcm.json": json_text(content) + "\n"})["rcm.json"]
