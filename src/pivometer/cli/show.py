@@ -13,7 +13,7 @@ from rich.text import Text
 from pivometer._arrays import Floats
 from pivometer.calibration import Board, Calibration
 from pivometer.measurement import Measurement
-from pivometer.report.digits import error_decimals, fixed
+from pivometer.report.digits import error_decimals, fixed, with_uncertainty
 from pivometer.report.setup_tables import parameter_rows
 from pivometer.report.tables import (
     Table,
