@@ -12,6 +12,7 @@ from pivometer.rcm.result import Finding, RcmSolution
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.triangulation import Centerline
 from pivometer.uncertainty.frame import BoardFrameUncertainty
+from pivometer.uncertainty.intrinsic import IntrinsicError
 from pivometer.uncertainty.propagation import LocationUncertainty
 
 
@@ -212,6 +213,9 @@ class Measurement:
         ``pivometer`` and the version.
     board_frame
         The same in the frame of the board under ``reference/``; `None` without such a board.
+    intrinsic
+        The robot's own error, apart from the instrument's; `None` in files of versions that did not
+        state it.
     """
 
     rcm: RcmSolution
@@ -223,6 +227,7 @@ class Measurement:
     inputs: Mapping[str, str]
     software: str
     board_frame: BoardFrame | None = None
+    intrinsic: IntrinsicError | None = None
 
     @property
     def reference_camera(self) -> str:

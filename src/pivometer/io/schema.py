@@ -16,6 +16,8 @@ _SHAPES = {
     "direction": (3,),
     "translation_mm": (3,),
     "expanded_mm": (3,),
+    "rms_interval_mm": (2,),
+    "max_interval_mm": (2,),
     "rotation": (3, 3),
     "focal_px": (2,),
     "principal_point_px": (2,),

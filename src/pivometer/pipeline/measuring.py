@@ -25,6 +25,7 @@ from pivometer.io.session import Session
 from pivometer.measurement import Measurement, PoseDistances, RejectedPose, Setup, UsedPose
 from pivometer.pipeline.calibrating import Method, calibrate
 from pivometer.pipeline.framing import with_board_frame
+from pivometer.pipeline.own_error import with_own_error
 from pivometer.pipeline.reading import Progress, ReadImage, hashes, in_threads, read, usable
 from pivometer.rcm import geometry_findings, solve
 from pivometer.shaft.detection import SeedRejection, ShaftSeed, find_shaft
@@ -212,7 +213,7 @@ def _measurement(
     best = replace(rcm.least_squares, covariance_mm2=uncertainty.total_mm2)
     rcm = replace(rcm, least_squares=best)
     rows = iter(zip(lines, rcm.minimax.distances_mm, rcm.least_squares.distances_mm, strict=True))
-    return Measurement(
+    measurement = Measurement(
         rcm=rcm,
         uncertainty=uncertainty,
         poses=tuple(
@@ -231,6 +232,7 @@ def _measurement(
         inputs=inputs,
         software=SOFTWARE,
     )
+    return with_own_error(measurement)
 
 
 def _used_pose(line: Triangulated, minimax: float, least_squares: float) -> UsedPose:

@@ -49,7 +49,23 @@ def _misses(measurement: Measurement) -> str:
     return (
         f"Over {len(measurement.used)} poses the shaft's centerline misses the RCM by at most "
         f"{fixed(rcm.minimax.max_mm, decimals)} mm "
-        f"({fixed(rcm.least_squares.rms_mm, decimals)} mm rms)."
+        f"({fixed(rcm.least_squares.rms_mm, decimals)} mm rms).{_own(measurement, decimals)}"
+    )
+
+
+def _own(measurement: Measurement, decimals: int) -> str:
+    """Say what of it is the robot's own."""
+    own = measurement.intrinsic
+    if own is None:
+        return ""
+    rms, largest = (
+        " to ".join(fixed(float(end), decimals) for end in interval)
+        for interval in (own.rms_interval_mm, own.max_interval_mm)
+    )
+    return (
+        f" The robot's own part of it, apart from the instrument's noise of "
+        f"{fixed(own.instrument_rms_mm, decimals)} mm rms, is {rms} mm rms and {largest} mm at "
+        f"most ({100 * own.coverage:.0f} % intervals over these poses)."
     )
 
 

@@ -7,17 +7,23 @@ from pivometer.uncertainty.coverage import (
     lies_within,
     mahalanobis,
 )
+from pivometer.uncertainty.intrinsic import IntrinsicError, content, intrinsic_error
 from pivometer.uncertainty.propagation import (
     LocationUncertainty,
+    calibration_displacements,
     jacobian_by_differences,
     location_uncertainty,
 )
 
 __all__ = [
+    "IntrinsicError",
     "LocationUncertainty",
+    "calibration_displacements",
     "confidence_radius",
+    "content",
     "coverage_factor",
     "effective_degrees_of_freedom",
+    "intrinsic_error",
     "jacobian_by_differences",
     "lies_within",
     "location_uncertainty",

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pivometer._arrays import Floats, checked, read_only
 from pivometer.cameras.rig import Rig
@@ -107,7 +107,7 @@ def location_uncertainty(
     Parameters
     ----------
     edges
-        For each pose, the edges that each camera of the rig saw, in the rig's order.
+        For each pose, the edges that two cameras of the rig or more saw, in the rig's order.
     rig
         The calibrated cameras.
     rig_covariance
@@ -137,6 +137,39 @@ def location_uncertainty(
         np.ones(root.shape[1]),
     )
     return _combined(rcm, jacobian @ jacobian.T, coverage)
+
+
+def calibration_displacements(
+    edges: Sequence[Sequence[EdgePoints]], rig: Rig, rig_covariance: ArrayLike, point_mm: ArrayLike
+) -> Floats:
+    """Return how far the calibration's uncertainty moves each line near a point.
+
+    Parameters
+    ----------
+    edges, rig, rig_covariance
+        As in `location_uncertainty`.
+    point_mm
+        Where the lines pass, shape (3,), mm: the RCM.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (n, 3, r), mm: displacement of the foot of the perpendicular from the point on each
+        line, for one standard uncertainty of each of the r independent directions of the rig's
+        covariance.
+    """
+    size = len(rig.parameter_names)
+    root = square_root(checked(rig_covariance, (size, size), "rig_covariance"))
+    points = thinned_points(edges, [camera.name for camera in rig.cameras])
+    at = checked(point_mm, (3,), "point_mm")
+
+    def feet(independent: Floats) -> Floats:
+        origins, axes = _lines_of(points, rig.perturbed(root @ independent))
+        offsets = origins - at
+        return np.ravel(offsets - np.vecdot(offsets, axes)[:, None] * axes)
+
+    jacobian = jacobian_by_differences(feet, np.zeros(root.shape[1]), np.ones(root.shape[1]))
+    return jacobian.reshape(-1, 3, root.shape[1])
 
 
 def jacobian_by_differences(
@@ -195,20 +228,52 @@ def _combined(rcm: LeastSquaresRcm, calibration: Floats, coverage: float) -> Loc
     )
 
 
-def thinned_points(edges: Sequence[Sequence[EdgePoints]], cameras: Sequence[str]) -> list[Floats]:
-    """Return for each camera evenly chosen points of all poses, shape (n, 2, 16, 2), px."""
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenAlike:
+    """The poses that the same cameras saw.
+
+    Parameters
+    ----------
+    poses
+        Their positions among all poses, shape (n,).
+    cameras
+        Positions of the cameras in the rig.
+    points_px
+        For each of these cameras evenly chosen points of the poses' edges, shape (n, 2, 16, 2), px.
+    """
+
+    poses: NDArray[np.int64]
+    cameras: tuple[int, ...]
+    points_px: tuple[Floats, ...]
+
+
+def thinned_points(
+    edges: Sequence[Sequence[EdgePoints]], cameras: Sequence[str]
+) -> tuple[SeenAlike, ...]:
+    """Group the poses by the cameras that saw them, and keep a few points of every edge."""
+    groups: dict[tuple[int, ...], list[int]] = {}
     for number, pose in enumerate(edges):
         seen = [one.camera for one in pose]
-        if seen != list(cameras):
+        known = [name for name in cameras if name in seen]
+        if seen != known or len(seen) < 2:
             raise ShapeError(
-                f"pose {number} has the edges of {', '.join(seen)}, but the rig's cameras are "
-                f"{', '.join(cameras)}",
-                next_step="pass the edges of every camera of the rig, in its order, for each pose",
+                f"pose {number} has the edges of {', '.join(seen) or 'no camera'}, but the rig's "
+                f"cameras are {', '.join(cameras)}",
+                next_step="pass each pose's edges from two of the rig's cameras or more, in the "
+                "rig's order",
             )
-    return [
-        np.stack([_evenly_chosen(pose[camera].points_px) for pose in edges])
-        for camera in range(len(cameras))
-    ]
+        groups.setdefault(tuple(cameras.index(name) for name in seen), []).append(number)
+    return tuple(
+        SeenAlike(
+            np.array(poses),
+            seen_by,
+            tuple(
+                np.stack([_evenly_chosen(edges[pose][place].points_px) for pose in poses])
+                for place in range(len(seen_by))
+            ),
+        )
+        for seen_by, poses in groups.items()
+    )
 
 
 def _evenly_chosen(points_px: ArrayLike) -> Floats:
@@ -218,16 +283,26 @@ def _evenly_chosen(points_px: ArrayLike) -> Floats:
     return points[:, chosen]
 
 
-def rcm_of_points(points_px: Sequence[Floats], rig: Rig) -> LeastSquaresRcm:
+def _lines_of(groups: Sequence[SeenAlike], rig: Rig) -> tuple[Floats, Floats]:
+    """Return points and directions of the lines behind raw edge points: (22), (6)–(16)."""
+    points = np.empty((sum(len(group.poses) for group in groups), 3))
+    directions = np.empty_like(points)
+    for group in groups:
+        seen = zip(group.points_px, group.cameras, strict=True)
+        normals = np.stack([edge_normals(px, rig.cameras[i]) for px, i in seen], axis=1)
+        transforms = [rig.reference_from_camera[i] for i in group.cameras]
+        points[group.poses], directions[group.poses], _ = lines_from_edge_normals(
+            normals, transforms
+        )
+    return points, directions
+
+
+def rcm_of_points(points_px: Sequence[SeenAlike], rig: Rig) -> LeastSquaresRcm:
     """Return the least-squares RCM of raw edge points seen by a rig: (22), (6)–(16), 2-norm."""
-    normals = np.stack(
-        [edge_normals(p, camera) for p, camera in zip(points_px, rig.cameras, strict=True)], axis=1
-    )
-    points, directions, _ = lines_from_edge_normals(normals, rig.reference_from_camera)
-    return least_squares_rcm(points, directions)
+    return least_squares_rcm(*_lines_of(points_px, rig))
 
 
-def _location_max_rms(points_px: Sequence[Floats], rig: Rig) -> Floats:
+def _location_max_rms(points_px: Sequence[SeenAlike], rig: Rig) -> Floats:
     """Return the location of the RCM, its largest and its rms distance, shape (5,), mm."""
     rcm = rcm_of_points(points_px, rig)
     return np.array([*rcm.point_mm, rcm.max_mm, rcm.rms_mm])

@@ -1,0 +1,53 @@
+"""The robot's own error, from everything that a measurement rests on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pivometer.measurement import Measurement
+from pivometer.rcm import Finding
+from pivometer.uncertainty import IntrinsicError, calibration_displacements, intrinsic_error
+
+
+def own_error(measurement: Measurement) -> IntrinsicError:
+    """Return the robot's own error of a measurement, as measured now or read from a file.
+
+    The instrument's part comes from the fitted edges of each pose, each independent of the others,
+    and from the calibration, which all poses share.
+
+    Raises
+    ------
+    ShapeError
+        If no centerline has an uncertainty.
+    """
+    used, calibration = measurement.used, measurement.calibration
+    point = measurement.rcm.least_squares.point_mm
+    return intrinsic_error(
+        np.stack([pose.centerline.point_mm for pose in used]),
+        np.stack([pose.centerline.direction for pose in used]),
+        np.stack([pose.centerline.position_covariance_mm2(point) for pose in used]),
+        common_mm=calibration_displacements(
+            [pose.edges for pose in used], calibration.rig, calibration.covariance, point
+        ),
+    )
+
+
+def with_own_error(measurement: Measurement) -> Measurement:
+    """Return a measurement that states the robot's own error, if its lines have an uncertainty."""
+    if not any(pose.centerline.covariance.any() for pose in measurement.used):
+        return measurement
+    intrinsic = own_error(measurement)
+    findings = measurement.findings
+    if intrinsic.noise_overstated:
+        findings += (
+            Finding(
+                "warning",
+                f"the lines miss the RCM by less ({measurement.rcm.least_squares.rms_mm:.2g} mm "
+                "rms) than the noise stated for their edges explains "
+                f"({intrinsic.instrument_rms_mm:.2g} mm)",
+                "do not rely on the robot's own error here: its noise is overstated",
+            ),
+        )
+    return replace(measurement, intrinsic=intrinsic, findings=findings)
