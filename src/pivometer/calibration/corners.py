@@ -24,6 +24,8 @@ ARM_PX = 20.0
 noise 2): error .0130, .0083, .0051, .0049 px at 10, 15, 20, 30 px, the time growing alike."""
 REACH_SQUARES = 0.8
 """Longest arm in squares: the next corner must not blur into the window."""
+SEED_BAND_PX = 5.0
+"""How far to either side of a line the pixels of the first fit lie; a seed is better than that."""
 SEED_WINDOW_PX = 7.0
 """Half the first window, which only has to bring a seed to about 0.1 px."""
 
@@ -97,59 +99,62 @@ def _measured(image: Image, board: Board, seeds: Seeds) -> _Measured | None:
     """Refine a hypothesis in two rounds and test every corner; `None` if it is no grid at all."""
     places = board.columns_rows[seeds.ids].astype(np.float64)
     grid = fit_grid_map(places, seeds.pixels, image.shape)
-    if not _is_grid(grid, places, image):
+    frames = _possible_frames(grid, places, image)
+    if frames is None:
         return None
-    start = _near_grid(grid, places, seeds.pixels)
-    fits = _first_fit(image, grid, places, start)
-    good = _stands(fits, grid, places, seeds.ids, board)
+    fits = _first_fit(image, frames, _near_grid(frames, seeds.pixels))
+    good = _stands(fits, frames, seeds.ids, board)
     if not good.all() and good.sum() >= 4:
         # wrong seeds are tried again from where the good corners put them
         grid = fit_grid_map(places[good], fits.pixels[good], image.shape)
-        if not _is_grid(grid, places, image):
+        frames = _possible_frames(grid, places, image)
+        if frames is None:
             return None
-        start = np.where(good[:, None], fits.pixels, grid.pixels(places))
-        fits = _first_fit(image, grid, places, start)
-        good = _stands(fits, grid, places, seeds.ids, board)
+        start = np.where(good[:, None], fits.pixels, frames.pixels)
+        fits = _first_fit(image, frames, start)
+        good = _stands(fits, frames, seeds.ids, board)
     if good.sum() >= 4:
-        grid = fit_grid_map(places[good], fits.pixels[good], image.shape)
-        if not _is_grid(grid, places, image):
+        grid = fit_grid_map(places[good], fits.pixels[good], image.shape, start=grid)
+        frames = _possible_frames(grid, places, image)
+        if frames is None:
             return None
-        fits = _final_fit(image, board, grid, places, seeds.ids, fits)
-        good = _stands(fits, grid, places, seeds.ids, board)
+        fits = _final_fit(image, board, frames, seeds.ids, fits)
+        good = _stands(fits, frames, seeds.ids, board)
     return _Measured(seeds.ids, fits, good, _black_first(fits, seeds.ids, board))
 
 
-def _is_grid(grid: GridMap, places: Floats, image: Image) -> bool:
-    """Tell whether a map is right-handed and has squares that an image can show."""
+def _possible_frames(grid: GridMap, places: Floats, image: Image) -> LocalFrames | None:
+    """Return the frames at `places`, or `None` if no image can show such a grid.
+
+    It must be right-handed and have squares of a sensible size.
+    """
     frames = grid.frames(places)
     numbers = (frames.pixels, frames.axes, frames.curvatures)
     if not all(np.isfinite(values).all() for values in numbers):
-        return False
-    sides, area = frames.sides_px, np.linalg.det(frames.axes)
-    flat_enough = (area > 0.1 * sides[:, 0] * sides[:, 1]).all()
-    return bool(flat_enough and sides.min() > 4 and sides.max() < max(image.shape))
+        return None
+    sides = frames.sides_px
+    flat_enough = (frames.areas_px2 > 0.1 * sides[:, 0] * sides[:, 1]).all()
+    possible = flat_enough and sides.min() > 4 and sides.max() < max(image.shape)
+    return frames if possible else None
 
 
-def _near_grid(grid: GridMap, places: Floats, pixels: Floats) -> Floats:
+def _near_grid(frames: LocalFrames, pixels: Floats) -> Floats:
     """Replace seeds more than a fifth of a square off the grid by the grid's own points."""
-    frames = grid.frames(places)
     away = np.linalg.norm(pixels - frames.pixels, axis=1)
     wild = away > 0.2 * frames.sides_px.min(axis=1)
     return np.where(wild[:, None], frames.pixels, pixels)
 
 
-def _first_fit(image: Image, grid: GridMap, places: Floats, start: Floats) -> SaddleFits:
-    frames = grid.frames(places)
+def _first_fit(image: Image, frames: LocalFrames, start: Floats) -> SaddleFits:
     reach = np.minimum(SEED_WINDOW_PX / frames.sides_px, 0.4)[:, :, None].repeat(2, axis=2)
     count = len(start)
-    windows = Windows(reach, np.full(count, 2 * SEED_WINDOW_PX), 1.0)
+    windows = Windows(reach, np.full(count, SEED_BAND_PX), 1.0, stride_px=2)
     return fit_saddles(image, start, frames, windows, blur_px=np.full(count, 1.5), settled_px=0.05)
 
 
 def _final_fit(
-    image: Image, board: Board, grid: GridMap, places: Floats, ids: Ids, fits: SaddleFits
+    image: Image, board: Board, frames: LocalFrames, ids: Ids, fits: SaddleFits
 ) -> SaddleFits:
-    frames = grid.frames(places)
     blur = np.clip(fits.blur_px, 0.3, 2 * np.median(fits.blur_px))
     blur_squares = blur[:, None] / frames.sides_px
     reach = np.minimum(ARM_PX / frames.sides_px, (1 - 3 * blur_squares).clip(0.4, REACH_SQUARES))
@@ -206,11 +211,8 @@ def _finite_near(fits: SaddleFits, expected: Floats) -> NDArray[np.bool_]:
     return near
 
 
-def _stands(
-    fits: SaddleFits, grid: GridMap, places: Floats, ids: Ids, board: Board
-) -> NDArray[np.bool_]:
+def _stands(fits: SaddleFits, frames: LocalFrames, ids: Ids, board: Board) -> NDArray[np.bool_]:
     """Tell which corners are real: on the grid, of the right sign, and as sharp as the others."""
-    frames = grid.frames(places)
     side = frames.sides_px.min(axis=1)
     away: Floats = np.linalg.norm(fits.pixels - frames.pixels, axis=1)
     signed = fits.contrast * _signs(ids, board)
@@ -291,7 +293,7 @@ def _not_found(image: Image, board: Board, view: str) -> BoardNotFoundError:
 
 def _board_of_other_size(image: Image, board: Board) -> tuple[int, int] | None:
     """Return the size in squares of a complete checkerboard other than `board`, if one shows."""
-    for size in other_sizes(image):
+    for size in other_sizes(image)[:2]:
         other = Board("checkerboard", size, board.square_mm)
         if sorted(size) == sorted(board.squares):
             continue

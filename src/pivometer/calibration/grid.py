@@ -10,9 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
+
+SETTLED_PX = 0.02
+"""The map is settled when a step moves no corner by more: it only has to say where lines run."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +43,14 @@ class LocalFrames:
         return lengths
 
     @property
+    def areas_px2(self) -> Floats:
+        """Area of one square, shape (n,), px²; positive where the frame is right-handed."""
+        areas: Floats = (
+            self.axes[:, 0, 0] * self.axes[:, 1, 1] - self.axes[:, 0, 1] * self.axes[:, 1, 0]
+        )
+        return areas
+
+    @property
     def angles(self) -> Floats:
         """Directions of the lines across and down, shape (n, 2), rad from x towards y."""
         angles: Floats = np.arctan2(self.axes[:, 1], self.axes[:, 0])
@@ -59,28 +69,31 @@ class GridMap:
 
     def pixels(self, columns_rows: Floats) -> Floats:
         """Map grid coordinates, shape (n, 2), in squares, to pixels of shape (n, 2)."""
-        scaled, _ = _distorted(self.parameters, columns_rows - self.grid_middle)
-        pixels: Floats = scaled * self.scale_px + self.middle_px
+        ideal, _ = _ideal(self.parameters, columns_rows - self.grid_middle)
+        square = (ideal**2).sum(axis=1, keepdims=True)
+        factor = 1 + square * (self.parameters[8] + self.parameters[9] * square)
+        pixels: Floats = ideal * factor * self.scale_px + self.middle_px
         return pixels
 
     def frames(self, columns_rows: Floats) -> LocalFrames:
         """Return directions and curvatures at grid coordinates of shape (n, 2), in squares."""
         step = 0.5
-        middle = self.pixels(columns_rows)
-        axes, curvatures = [], []
-        for axis, sign in ((0, 1.0), (1, -1.0)):
-            shift = step * np.eye(2)[axis]
-            after, before = self.pixels(columns_rows + shift), self.pixels(columns_rows - shift)
-            first = (after - before) / (2 * step)
-            second = (after + before - 2 * middle) / step**2
-            cross = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-            axes.append(first)
-            curvatures.append(sign * cross / np.linalg.norm(first, axis=1) ** 3)
-        return LocalFrames(middle, np.stack(axes, axis=2), np.stack(curvatures, axis=1))
+        shifts = step * np.array([[0, 0], [1, 0], [0, 1], [-1, 0], [0, -1]])
+        points = self.pixels((columns_rows + shifts[:, None]).reshape(-1, 2))
+        middle, after, before = np.split(points.reshape(5, -1, 2), [1, 3])
+        first, second = (after - before) / (2 * step), (after + before - 2 * middle) / step**2
+        cross = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+        curvatures = cross / np.linalg.norm(first, axis=2) ** 3
+        return LocalFrames(middle[0], first.transpose(1, 2, 0), curvatures.T * [1, -1])
 
 
 def fit_grid_map(
-    columns_rows: Floats, pixels: Floats, image_shape: tuple[int, ...], *, iterations: int = 15
+    columns_rows: Floats,
+    pixels: Floats,
+    image_shape: tuple[int, ...],
+    *,
+    start: GridMap | None = None,
+    iterations: int = 15,
 ) -> GridMap:
     """Fit the map to corners, some of which may be wrong.
 
@@ -95,6 +108,8 @@ def fit_grid_map(
         Their image points, shape (n, 2), px.
     image_shape
         Rows and columns of the image.
+    start
+        A map that is nearly right, where one is known.
 
     Examples
     --------
@@ -104,21 +119,25 @@ def fit_grid_map(
     """
     middle = (np.array([image_shape[1], image_shape[0]], dtype=np.float64) - 1) / 2
     scale = float(np.linalg.norm(middle))
-    grid_middle = columns_rows.mean(axis=0)
+    grid_middle = columns_rows.mean(axis=0) if start is None else start.grid_middle
     grid, target = columns_rows - grid_middle, (pixels - middle) / scale
     radial = min(2, max(0, (len(grid) - 4) // 4))
-    parameters = np.concatenate([_direct_homography(grid, target), np.zeros(2)])
-    free = np.arange(10) < 8 + radial
+    if start is None:
+        parameters = np.concatenate([_direct_homography(grid, target), np.zeros(2)])
+    else:
+        parameters = start.parameters.copy()
+    free = 8 + radial
     for _ in range(iterations):
         predicted, jacobian = _distorted(parameters, grid)
         residual = target - predicted
-        weight = _weights(np.linalg.norm(residual, axis=1))
-        rows = jacobian[..., free] * weight[:, None, None]
-        normal = np.einsum("nij,nik->jk", rows, jacobian[..., free])
+        weight = np.repeat(_weights(np.linalg.norm(residual, axis=1)), 2)
+        rows = jacobian[:, :, :free].reshape(-1, free)
+        weighted = (rows * weight[:, None]).T
+        normal = weighted @ rows
         normal[np.diag_indices_from(normal)] *= 1 + 1e-9
-        step = np.linalg.lstsq(normal, np.einsum("nij,ni->j", rows, residual), rcond=1e-14)[0]
-        parameters[free] += step
-        if np.abs(step[:8]).max() < 1e-6:
+        step = np.linalg.lstsq(normal, weighted @ residual.ravel(), rcond=1e-14)[0]
+        parameters[:free] += step
+        if np.abs(rows @ step).max() * scale < SETTLED_PX:
             break
     left = scale * np.linalg.norm(target - _distorted(parameters, grid)[0], axis=1)
     return GridMap(parameters, middle, scale, grid_middle, left)
@@ -152,24 +171,26 @@ def _direct_homography(grid: Floats, target: Floats) -> Floats:
     return np.asarray((matrix / matrix[2, 2]).ravel()[:8])
 
 
-def _distorted(parameters: Floats, grid: Floats) -> tuple[Floats, NDArray[np.float64]]:
+def _distorted(parameters: Floats, grid: Floats) -> tuple[Floats, Floats]:
     """Map `grid`, shape (n, 2), to scaled pixels (n, 2), with ∂/∂parameters (n, 2, 10)."""
-    count = len(grid)
-    ones = np.concatenate([grid, np.ones((count, 1))], axis=1)
-    top = ones @ parameters[:6].reshape(2, 3).T
-    depth = ones @ np.append(parameters[6:8], 1.0)
-    ideal = top / depth[:, None]
-    by_homography = np.zeros((count, 2, 8))
-    by_homography[:, 0, :3] = by_homography[:, 1, 3:6] = ones / depth[:, None]
-    by_homography[:, :, 6:] = -ideal[:, :, None] * grid[:, None, :] / depth[:, None, None]
-    square = (ideal**2).sum(axis=1)
+    ideal, depth = _ideal(parameters, grid)
+    square = (ideal**2).sum(axis=1)[:, None, None]
     k1, k2 = parameters[8:]
-    factor, slope = 1 + k1 * square + k2 * square**2, 2 * (k1 + 2 * k2 * square)
-    by_ideal = factor[:, None, None] * np.eye(2) + slope[:, None, None] * (
-        ideal[:, :, None] * ideal[:, None, :]
-    )
-    jacobian = np.empty((count, 2, 10))
-    jacobian[:, :, :8] = by_ideal @ by_homography
-    jacobian[:, :, 8] = ideal * square[:, None]
-    jacobian[:, :, 9] = ideal * square[:, None] ** 2
-    return ideal * factor[:, None], jacobian
+    factor = 1 + square * (k1 + k2 * square)
+    outer = ideal[:, :, None] * ideal[:, None]
+    by_ideal = factor * np.eye(2) + 2 * (k1 + 2 * k2 * square) * outer
+    by_homography = np.zeros((len(grid), 2, 8))
+    by_homography[:, 0, :2] = by_homography[:, 1, 3:5] = grid / depth
+    by_homography[:, 0, 2:3] = by_homography[:, 1, 5:6] = 1 / depth
+    by_homography[:, :, 6:] = -ideal[:, :, None] * (grid / depth)[:, None]
+    by_radial = ideal[:, :, None] * np.concatenate([square, square**2], axis=2)
+    jacobian = np.concatenate([by_ideal @ by_homography, by_radial], axis=2)
+    return ideal * factor[:, 0], jacobian
+
+
+def _ideal(parameters: Floats, grid: Floats) -> tuple[Floats, Floats]:
+    """Map `grid`, shape (n, 2), by the homography alone; also return the depths (n, 1)."""
+    matrix = np.append(parameters[:8], 1.0).reshape(3, 3)
+    homogeneous = grid @ matrix[:, :2].T + matrix[:, 2]
+    depth = homogeneous[:, 2:]
+    return homogeneous[:, :2] / depth, depth

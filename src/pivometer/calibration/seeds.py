@@ -21,6 +21,8 @@ Grey8 = NDArray[np.uint8]
 
 USUAL_SIDE_PX = 1000
 """Longer images are searched at this size first: OpenCV's search costs grow with the area."""
+SMALL_SIDE_PX = 400
+"""Shorter images are also searched at twice their size."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,16 +71,19 @@ def stretched(image: Image) -> Grey8:
 
 
 def _checkerboard(grey: Grey8, board: Board) -> Iterator[Seeds]:
-    """Try the classic detector, then the sector-based one, then both on other sizes.
+    """Try the classic detector, then the sector-based one, then the classic one on other sizes.
 
-    Halving the size cures blur, which defeats both; doubling helps where squares are small.
+    Halving the size cures blur, which defeats both; doubling helps where squares are small, and is
+    kept to small images: without a board it took 0.5 to 2 s of 640×480 pixels.
     """
-    usual = min(1.0, USUAL_SIDE_PX / max(grey.shape))
-    other = (min(1.0, 2.5 * usual), 0.5 * usual) if usual < 1 else (0.5, 2.0)
-    for scale, sector_based in (
-        *((usual, False), (usual, True)),
-        *((other[0], False), (other[1], False)),
-    ):
+    longest = max(grey.shape)
+    usual = min(1.0, USUAL_SIDE_PX / longest)
+    scales = [(usual, False), (usual, True), (0.5 * usual, False)]
+    if usual < 1:
+        scales.append((min(1.0, 2.5 * usual), False))
+    elif longest <= SMALL_SIDE_PX:
+        scales.append((2.0, False))
+    for scale, sector_based in scales:
         found = _checkerboard_once(grey, board.inner_corners, scale, sector_based=sector_based)
         if found is not None:
             yield Seeds(np.arange(len(found), dtype=np.int64), _right_handed(found, board))
@@ -87,7 +92,14 @@ def _checkerboard(grey: Grey8, board: Board) -> Iterator[Seeds]:
 def _checkerboard_once(
     grey: Grey8, inner_corners: tuple[int, int], scale: float, *, sector_based: bool
 ) -> Floats | None:
-    """Run one of OpenCV's detectors at one scale; `None` where it finds nothing."""
+    """Run one of OpenCV's detectors at one scale; `None` where it finds nothing.
+
+    The classic detector's quick check comes first: with it all of 64 rendered and 35 of 36 real
+    boards are still found (the last never was), and pictures without a board take it 0.02 to
+    0.4 s instead of 0.2 to 1.1 s. One of several small boards in a montage of pictures is lost.
+    A search by sectors that is not exhaustive takes half the time, but found only 14 of 22
+    rendered boards.
+    """
     import cv2
 
     small = _resized(grey, scale)
@@ -96,9 +108,9 @@ def _checkerboard_once(
             small, inner_corners, flags=cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
         )
     else:
-        found, corners = cv2.findChessboardCorners(
-            small, inner_corners, flags=cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-        )
+        options = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+        options |= cv2.CALIB_CB_FAST_CHECK
+        found, corners = cv2.findChessboardCorners(small, inner_corners, flags=options)
     if not found:
         return None
     pixels: Floats = (corners.reshape(-1, 2).astype(np.float64) + 0.5) / scale - 0.5
