@@ -26,6 +26,9 @@ REACH_SQUARES = 0.8
 """Longest arm in squares: the next corner must not blur into the window."""
 SEED_BAND_PX = 5.0
 """How far to either side of a line the pixels of the first fit lie; a seed is better than that."""
+PART_OF_LARGER = 0.5
+"""Part of the next row of corners that must be full saddles for the board to go on there: at most
+0.17 on 134 whole boards, real and rendered, at least 0.83 on parts of larger ones."""
 SEED_WINDOW_PX = 7.0
 """Half the first window, which only has to bring a seed to about 0.1 px."""
 
@@ -82,6 +85,8 @@ def find_corners(image: ArrayLike, board: Board, *, camera: str, view: str) -> B
     if best is None:
         raise _not_found(grey, board, view)
     _check_count(best, board, view)
+    if board.kind == "checkerboard":
+        _check_whole(grey, best, board, view)
     return _board_view(best, board, camera, view)
 
 
@@ -272,6 +277,48 @@ def _check_count(measured: _Measured, board: Board, view: str) -> None:
         f"residual {np.median(fits.noise):.1f} grey values)",
         next_step="take the picture again: a flat board, held still, in focus, without reflections",
     )
+
+
+def _check_whole(image: Image, measured: _Measured, board: Board, view: str) -> None:
+    """Refuse a part of a larger board: a detector asked for fewer squares finds some of them."""
+    places = board.columns_rows[measured.ids[measured.good]].astype(np.float64)
+    fits = measured.fits
+    grid = fit_grid_map(places, fits.pixels[measured.good], image.shape)
+    contrast = float(np.median(np.abs(fits.contrast[measured.good])))
+    beyond = [
+        _goes_on(image, grid, _row_outside(board, axis, side), contrast)
+        for axis in (0, 1)
+        for side in (0, 1)
+    ]
+    if max(beyond) > PART_OF_LARGER:
+        raise BoardNotFoundError(
+            f"{view}: the checkerboard goes on beyond the {board.squares[0]}×{board.squares[1]} "
+            "squares that session.toml says",
+            next_step="count the squares across and down, and correct [board] squares",
+        )
+
+
+def _row_outside(board: Board, axis: int, side: int) -> Floats:
+    """Return where the next row of corners would be beyond one side of the board, (n, 2)."""
+    along = np.arange(board.inner_corners[1 - axis], dtype=np.float64)
+    place = board.inner_corners[axis] if side else -1
+    row = np.stack([np.full_like(along, place), along], axis=1)
+    return row if axis == 0 else row[:, ::-1].copy()
+
+
+def _goes_on(image: Image, grid: GridMap, places: Floats, contrast: float) -> float:
+    """Return the part of `places` that shows a full saddle; 0 where the image ends."""
+    frames = _possible_frames(grid, places, image)
+    if frames is None:
+        return 0.0
+    limit = np.array([image.shape[1], image.shape[0]]) - SEED_WINDOW_PX
+    if not ((frames.pixels > SEED_WINDOW_PX) & (frames.pixels < limit)).all():
+        return 0.0
+    fits = _first_fit(image, frames, frames.pixels)
+    near = np.linalg.norm(fits.pixels - frames.pixels, axis=1) < 0.1 * frames.sides_px.min(axis=1)
+    full = np.abs(fits.contrast) > 0.7 * contrast
+    clear = fits.noise < 0.25 * np.abs(fits.contrast)
+    return float((near & full & clear).mean())
 
 
 def _not_found(image: Image, board: Board, view: str) -> BoardNotFoundError:

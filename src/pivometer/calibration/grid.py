@@ -166,7 +166,8 @@ def _direct_homography(grid: Floats, target: Floats) -> Floats:
         vector = np.linalg.eigh(weighted.T @ weighted)[1][:, 0]
         matrix = vector.reshape(3, 3) @ np.diag([1 / spread, 1 / spread, 1])
         homogeneous = np.concatenate([grid, np.ones((len(grid), 1))], axis=1) @ matrix.T
-        away = np.linalg.norm(homogeneous[:, :2] / homogeneous[:, 2:] - target, axis=1)
+        depth = np.where(homogeneous[:, 2:] == 0, np.finfo(float).tiny, homogeneous[:, 2:])
+        away = np.linalg.norm(homogeneous[:, :2] / depth - target, axis=1)
         weight = np.sqrt(_weights(away))
     return np.asarray((matrix / matrix[2, 2]).ravel()[:8])
 

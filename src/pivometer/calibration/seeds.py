@@ -109,7 +109,6 @@ def _checkerboard_once(
         )
     else:
         options = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-        options |= cv2.CALIB_CB_FAST_CHECK
         found, corners = cv2.findChessboardCorners(small, inner_corners, flags=options)
     if not found:
         return None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -13,7 +15,7 @@ from pivometer.calibration import (
     find_corners,
 )
 from pivometer.cameras.distortion import DistortionModel
-from pivometer.errors import DataError
+from pivometer.errors import CalibrationError, DataError
 from pivometer.io.session import Session
 from pivometer.pipeline.reading import (
     Progress,
@@ -80,15 +82,18 @@ def calibrate(
         "finding boards",
         progress,
     )
-    calibration = calibrate_rig(
-        [view for view in found if isinstance(view, BoardView)],
-        session.board,
-        sizes,
-        reference=session.reference,
-        method=method,
-        distortion=distortion,
-    )
     unseen = tuple(view for view in found if isinstance(view, RejectedView))
+    try:
+        calibration = calibrate_rig(
+            [view for view in found if isinstance(view, BoardView)],
+            session.board,
+            sizes,
+            reference=session.reference,
+            method=method,
+            distortion=distortion,
+        )
+    except CalibrationError as error:
+        raise _with_reason(error, unseen, len(found)) from error
     return replace(
         calibration,
         rejected=unseen + calibration.rejected,
@@ -104,3 +109,18 @@ def corners(read: ReadImage, session: Session, size: tuple[int, int]) -> BoardVi
     except DataError as error:
         reason = f"{error.what}; next: {error.next_step}"
         return RejectedView(read.file.camera, read.file.view, reason)
+
+
+def _with_reason(
+    error: CalibrationError, unseen: Sequence[RejectedView], count: int
+) -> CalibrationError:
+    """Add to a failed calibration why most of its images were thrown out, where many were."""
+    if 2 * len(unseen) < count:
+        return error
+    reasons = Counter(view.reason.removeprefix(f"{view.view}: ") for view in unseen)
+    (reason, times), *_ = reasons.most_common(1)
+    reason, _, next_step = reason.partition("; next: ")
+    what = (
+        f"{error.what}; {len(unseen)} of {count} images were thrown out, {times} of them: {reason}"
+    )
+    return CalibrationError(what, next_step=next_step or error.next_step)
