@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pivometer.calibration import Calibration
     from pivometer.io.session import Session
     from pivometer.measurement import Measurement
-    from pivometer.pipeline import calibrate, load, measure
+    from pivometer.pipeline import calibrate, check, load, measure
     from pivometer.rcm import RcmSolution, solve
 
 __all__ = [
@@ -27,6 +27,7 @@ __all__ = [
     "Session",
     "__version__",
     "calibrate",
+    "check",
     "load",
     "measure",
     "solve",
@@ -38,6 +39,7 @@ _HOMES = {
     "RcmSolution": "pivometer.rcm",
     "Session": "pivometer.io.session",
     "calibrate": "pivometer.pipeline",
+    "check": "pivometer.pipeline",
     "load": "pivometer.pipeline",
     "measure": "pivometer.pipeline",
     "solve": "pivometer.rcm",

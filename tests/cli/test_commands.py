@@ -15,7 +15,7 @@ from pivometer.cli import main
 from pivometer.cli.front_page import FRONT_PAGE
 from pivometer.errors import CalibrationError, PivometerError, SessionError
 
-COMMANDS = ("demo", "simulate", "calibrate", "measure", "target", "solve", "schema")
+COMMANDS = ("demo", "simulate", "calibrate", "measure", "target", "solve", "check", "schema")
 
 
 @dataclass

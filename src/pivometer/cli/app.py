@@ -6,14 +6,17 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 from cyclopts.validators import Number
 
 from pivometer._version import __version__
 from pivometer.cli.faults import tell_fault, tell_internal, tell_interrupted, tell_usage
-from pivometer.errors import PivometerError, UsageError
+from pivometer.errors import DataError, PivometerError, UsageError
+
+if TYPE_CHECKING:
+    from pivometer.measurement import Measurement
 
 Method = Literal["joint", "paper"]
 Kind = Literal["checkerboard", "charuco"]
@@ -39,8 +42,9 @@ def run(arguments: Sequence[str]) -> int:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a terminal without "±" gets a stand-in, not a crash
             stream.reconfigure(errors="backslashreplace")
+    code: object = 0
     try:
-        app(_with_counts_apart(arguments))
+        code = app(_with_counts_apart(arguments))
     except PivometerError as error:
         return tell_fault(error)
     except CycloptsError as error:
@@ -53,7 +57,7 @@ def run(arguments: Sequence[str]) -> int:
         if os.environ.get("PIVOMETER_DEBUG"):
             raise
         return tell_internal(error)
-    return 0
+    return code if isinstance(code, int) else 0
 
 
 def _with_counts_apart(arguments: Sequence[str]) -> list[str]:
@@ -301,6 +305,91 @@ def solve(
     solved = pipeline.solve_lines(lines)
     path = None if output is None else pipeline.write_solution(solved, output)
     show_solution(solved, path)
+
+
+@app.command(
+    help_prologue="""\
+Example:  pivometer check my-session --limit 0.5
+          pivometer check results/result.json --limit 0.5 --junit check.xml
+Exit codes: 0 pass, 1 over the limit, 2 wrong usage or configuration, 3 data
+          unfit for an answer, 4 a condition of validity is not met,
+          5 inconclusive: the limit lies inside the uncertainty.
+"""
+)
+def check(
+    session: Annotated[Path, Parameter(name="SESSION")],
+    /,
+    *,
+    limit: Annotated[float, Parameter(validator=Number(gt=0))],
+    guard: Annotated[float | None, Parameter(validator=Number(gte=0))] = None,
+    baseline: Path | None = None,
+    junit: Path | None = None,
+    rig: Path | None = None,
+    output: Path | None = None,
+) -> int:
+    """Decide whether a robot's RCM error keeps a limit.
+
+    Parameters
+    ----------
+    session
+        Session folder, which is measured; or a result.json, which is taken as it is.
+    limit
+        Limit of the largest miss, mm.
+    guard
+        Guard band U about the observed largest miss, mm; the 95 % interval of the robot's own
+        largest miss decides where none is given.
+    baseline
+        The result.json of an earlier measurement: also not passed if the rms miss has grown by more
+        than chance explains.
+    junit
+        JUnit XML file to write.
+    rig
+        The rig.json of an earlier calibration, for a session.
+    output
+        Folder for the results of a session; nothing is written where none is given.
+    """
+    from pivometer import pipeline
+    from pivometer.cli.show import show_check
+    from pivometer.io.result import read_result
+
+    earlier = None if baseline is None else read_result(baseline)
+    try:
+        measurement = _measured(session, rig, output)
+        outcome = pipeline.check(measurement, limit, guard_mm=guard, baseline=earlier)
+    except DataError as error:
+        if junit is not None:
+            pipeline.write_junit(error, junit, name=str(session))
+        raise
+    if junit is not None:
+        pipeline.write_junit(outcome, junit, name=str(session))
+    show_check(outcome)
+    return outcome.exit_code
+
+
+def _measured(session: Path, rig: Path | None, output: Path | None) -> "Measurement":
+    """Return the measurement in a result file, or measure a session."""
+    from pivometer import pipeline
+    from pivometer.cli.progress import progress_bar
+    from pivometer.io.result import read_result, read_rig
+
+    if session.is_file():
+        if rig is not None or output is not None:
+            raise UsageError(
+                "--rig and --output are for a session, but this is a file",
+                next_step="leave them out, or name the session's folder",
+                path=session,
+            )
+        return read_result(session)
+    loaded = pipeline.load(session)
+    known = None if rig is None else read_rig(rig)
+    with progress_bar() as progress:
+        measurement = pipeline.measure(loaded, rig=known, progress=progress)
+        if output is not None:
+            command = shlex.join(["pivometer", "check", str(session)])
+            pipeline.write_measurement(
+                measurement, loaded, output, command=command, progress=progress
+            )
+    return measurement
 
 
 @app.command(

@@ -23,6 +23,7 @@ Commands:
   measure    Measure the RCM of a session and write the report.
   target     Draw a calibration board to print, as PDF or SVG.
   solve      Solve for the RCM of lines from a CSV file.
+  check      Decide whether a robot's RCM error keeps a limit.
   schema     Print the JSON Schema of result.json.
 
   pivometer COMMAND --help says more, with an example.

@@ -25,7 +25,7 @@ from pivometer.report.tables import (
 from pivometer.report.verdict import verdict
 
 if TYPE_CHECKING:
-    from pivometer.pipeline import DemoOutcome, SolvedLines
+    from pivometer.pipeline import CheckOutcome, DemoOutcome, SolvedLines
 
 
 def say(*lines: str) -> None:
@@ -112,6 +112,14 @@ def show_target(board: Board, path: Path) -> None:
             "together;",
             "        with an odd and an even number of squares, every single view is clear.",
         )
+
+
+def show_check(outcome: "CheckOutcome") -> None:
+    """Print the conditions, the decision and its rule."""
+    conditions = [*outcome.validity, *([outcome.baseline] if outcome.baseline else [])]
+    rows = tuple((one.name, one.status, one.text) for one in conditions)
+    show_table(Table("What must be so", ("condition", "", "found"), rows))
+    say(f"rule: {outcome.rule}", f"{outcome.decision}: {outcome.text}")
 
 
 def show_solution(solved: "SolvedLines", path: Path | None) -> None:

@@ -2,15 +2,20 @@
 
 from pivometer.io.session import load
 from pivometer.pipeline.calibrating import calibrate
+from pivometer.pipeline.checking import CheckOutcome, Condition, check
+from pivometer.pipeline.junit import write_junit
 from pivometer.pipeline.measuring import measure
 from pivometer.pipeline.simulating import DemoOutcome, demo, simulate, true_rcm
 from pivometer.pipeline.solving import SolvedLines, solve_lines, write_solution
 from pivometer.pipeline.writing import write_calibration, write_measurement, write_target
 
 __all__ = [
+    "CheckOutcome",
+    "Condition",
     "DemoOutcome",
     "SolvedLines",
     "calibrate",
+    "check",
     "demo",
     "load",
     "measure",
@@ -18,6 +23,7 @@ __all__ = [
     "solve_lines",
     "true_rcm",
     "write_calibration",
+    "write_junit",
     "write_measurement",
     "write_solution",
     "write_target",

@@ -7,6 +7,7 @@ from pivometer.uncertainty.coverage import (
     lies_within,
     mahalanobis,
 )
+from pivometer.uncertainty.decision import Decision, guarded_decision, variance_ratio_limit
 from pivometer.uncertainty.intrinsic import IntrinsicError, content, intrinsic_error
 from pivometer.uncertainty.propagation import (
     LocationUncertainty,
@@ -16,6 +17,7 @@ from pivometer.uncertainty.propagation import (
 )
 
 __all__ = [
+    "Decision",
     "IntrinsicError",
     "LocationUncertainty",
     "calibration_displacements",
@@ -23,9 +25,11 @@ __all__ = [
     "content",
     "coverage_factor",
     "effective_degrees_of_freedom",
+    "guarded_decision",
     "intrinsic_error",
     "jacobian_by_differences",
     "lies_within",
     "location_uncertainty",
     "mahalanobis",
+    "variance_ratio_limit",
 ]

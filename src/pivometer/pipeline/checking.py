@@ -1,0 +1,228 @@
+"""Whether a robot keeps a limit: for acceptance tests, and for CI."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from pivometer.errors import DataError, UsageError
+from pivometer.measurement import Measurement
+from pivometer.pipeline.own_error import own_error
+from pivometer.rcm.geometry_check import FEWEST_POSES_ADVISED
+from pivometer.shaft.gate import SPREAD_TOLERANCE
+from pivometer.uncertainty import Decision, guarded_decision, variance_ratio_limit
+from pivometer.uncertainty.coverage import COVERAGE
+
+CALIBRATION_RATIO = 4.0
+"""How many times smaller than the limit the error of held-out board edges must be, rms: the ratio
+of tolerance to measuring error that calibration laboratories ask for (ANSI/NCSL Z540.3)."""
+
+OWN_RULE = (
+    "the 95 % interval of the robot's own largest miss: pass if its upper end keeps the limit, "
+    "over if its lower end exceeds it, inconclusive otherwise (JCGM 106, guarded acceptance)"
+)
+GUARD_RULE = (
+    "the observed largest miss with the guard band U: pass if max + U keeps the limit, over if "
+    "max − U exceeds it, inconclusive otherwise (JCGM 106, guarded acceptance)"
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Condition:
+    """One thing that must be so.
+
+    Parameters
+    ----------
+    name
+        What it is about.
+    status
+        ``"met"``, ``"not met"``, or ``"not checked"`` where the data for it are missing.
+    text
+        What was found, with the numbers.
+    """
+
+    name: str
+    status: Literal["met", "not met", "not checked"]
+    text: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CheckOutcome:
+    """Whether the robot keeps the limit, and whether the measurement can tell.
+
+    Parameters
+    ----------
+    decision
+        ``"pass"``, ``"over"``, ``"inconclusive"``; ``"invalid"`` where a condition of validity is
+        not met, so that no decision is made.
+    text
+        Why, in one sentence.
+    rule
+        The decision rule.
+    limit_mm
+        The limit of the largest miss, mm.
+    interval_mm
+        What is held against it, mm.
+    validity
+        The conditions of validity.
+    baseline
+        Comparison with an earlier result, if one was given.
+    """
+
+    decision: Decision | Literal["invalid"]
+    text: str
+    rule: str
+    limit_mm: float
+    interval_mm: tuple[float, float]
+    validity: tuple[Condition, ...]
+    baseline: Condition | None
+
+    CODES: ClassVar[dict[str, int]] = {"pass": 0, "over": 1, "invalid": 4, "inconclusive": 5}
+
+    @property
+    def exit_code(self) -> int:
+        """0 pass, 1 over, 4 a condition of validity is not met, 5 inconclusive."""
+        return self.CODES[self.decision]
+
+
+def check(
+    measurement: Measurement,
+    limit_mm: float,
+    *,
+    guard_mm: float | None = None,
+    baseline: Measurement | None = None,
+) -> CheckOutcome:
+    """Decide whether the robot's largest miss keeps a limit.
+
+    Parameters
+    ----------
+    measurement
+        What `measure` returned or `read_result` read.
+    limit_mm
+        The limit, mm.
+    guard_mm
+        A guard band U about the observed largest miss, mm; where none is given, the interval of the
+        robot's own largest miss is used.
+    baseline
+        An earlier result. If the rms miss has grown since by more than chance explains, the check
+        is not passed, whatever the limit.
+
+    Raises
+    ------
+    UsageError
+        If the limit or the guard band is not a length.
+    DataError
+        If no guard band is given and the lines have no uncertainty.
+    """
+    if guard_mm is not None and not 0 <= guard_mm < float("inf"):
+        raise UsageError(f"the guard band is {guard_mm} mm", next_step="give one of 0 or more")
+    low, high = _interval(measurement, guard_mm)
+    decision: Decision | Literal["invalid"] = guarded_decision(low, high, limit_mm)
+    text = _reason(decision, (low, high), limit_mm)
+    validity = tuple(_validity(measurement, limit_mm))
+    compared = None if baseline is None else _compared(measurement, baseline)
+    failed = [condition for condition in validity if condition.status == "not met"]
+    if failed:
+        decision, text = "invalid", "; ".join(condition.text for condition in failed)
+    elif compared is not None and compared.status == "not met":
+        decision, text = "over", compared.text
+    return CheckOutcome(
+        decision=decision,
+        text=text,
+        rule=OWN_RULE if guard_mm is None else GUARD_RULE,
+        limit_mm=limit_mm,
+        interval_mm=(low, high),
+        validity=validity,
+        baseline=compared,
+    )
+
+
+def _interval(measurement: Measurement, guard_mm: float | None) -> tuple[float, float]:
+    """Return what is held against the limit, mm."""
+    largest = measurement.rcm.minimax.max_mm
+    if guard_mm is not None:
+        return max(largest - guard_mm, 0.0), largest + guard_mm
+    if not any(pose.centerline.covariance.any() for pose in measurement.used):
+        raise DataError(
+            "the centerlines of this result have no uncertainty",
+            next_step="measure the session again, or give a guard band",
+        )
+    low, high = (measurement.intrinsic or own_error(measurement)).max_interval_mm.tolist()
+    return low, high
+
+
+def _reason(decision: str, interval: tuple[float, float], limit_mm: float) -> str:
+    seen = f"the largest miss lies between {interval[0]:.3f} and {interval[1]:.3f} mm"
+    if decision == "pass":
+        return f"{seen}, within the limit of {limit_mm:g} mm"
+    if decision == "over":
+        return f"{seen}, beyond the limit of {limit_mm:g} mm"
+    return f"{seen}, and the limit of {limit_mm:g} mm is inside: lessen the noise of the pictures"
+
+
+def _validity(measurement: Measurement, limit_mm: float) -> Iterator[Condition]:
+    refusals = [f.text for f in measurement.findings if f.severity == "refusal"]
+    yield _condition("geometry", not refusals, "; ".join(refusals) or "no finding refuses it")
+    count = len(measurement.used)
+    yield _condition(
+        "poses",
+        count >= FEWEST_POSES_ADVISED,
+        f"{count} of {len(measurement.poses)} poses count, {FEWEST_POSES_ADVISED} are the least",
+    )
+    held_out, most = measurement.calibration.held_out, limit_mm / CALIBRATION_RATIO
+    yield _condition(
+        "calibration",
+        held_out.rms_mm <= most,
+        f"held-out board edges are off by {held_out.rms_mm:.3g} mm rms, {most:.3g} mm "
+        f"(limit / {CALIBRATION_RATIO:g}) is the most",
+    )
+    yield _diameter(measurement)
+    own = measurement.intrinsic
+    if own is not None:
+        yield _condition(
+            "noise",
+            not own.noise_overstated,
+            f"the noise stated for the edges explains {own.instrument_rms_mm:.3g} mm rms of the "
+            f"{measurement.rcm.least_squares.rms_mm:.3g} mm seen",
+        )
+
+
+def _diameter(measurement: Measurement) -> Condition:
+    """Hold the shaft's diameter against the nominal one: an independent check of the scale."""
+    nominal = measurement.setup.diameter_mm
+    if nominal is None:
+        return Condition("diameter", "not checked", "the session states no diameter of the shaft")
+    seen = float(np.median([d for pose in measurement.used for d in pose.diameters_mm]))
+    return _condition(
+        "diameter",
+        abs(seen - nominal) <= SPREAD_TOLERANCE * nominal,
+        f"the shaft measures {seen:.3f} mm, its nominal diameter is {nominal:g} mm, "
+        f"{100 * SPREAD_TOLERANCE:g} % is the most they may differ",
+    )
+
+
+def _compared(measurement: Measurement, earlier: Measurement) -> Condition:
+    """Tell whether the rms miss has grown by more than chance explains."""
+    variances, freedoms = zip(*map(_variance, (measurement, earlier)), strict=True)
+    largest = variance_ratio_limit(*freedoms, coverage=COVERAGE)
+    now, then = np.sqrt(variances)
+    return _condition(
+        "baseline",
+        variances[0] <= largest * variances[1],
+        f"the rms miss a component is {now:.4f} mm, it was {then:.4f} mm; by chance it grows to "
+        f"{then * np.sqrt(largest):.4f} mm in 5 % of cases",
+    )
+
+
+def _variance(measurement: Measurement) -> tuple[float, int]:
+    """Return s² = Σ dᵢ²/(2n − 3), mm², and its degrees of freedom."""
+    distances = measurement.rcm.least_squares.distances_mm
+    freedom = 2 * len(distances) - 3
+    return float(distances @ distances) / freedom, freedom
+
+
+def _condition(name: str, met: bool, text: str) -> Condition:
+    return Condition(name, "met" if met else "not met", text)

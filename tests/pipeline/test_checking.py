@@ -1,0 +1,191 @@
+"""`check`: every decision, every condition of validity, the baseline, and what CI reads."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pivometer.calibration.result import LengthError
+from pivometer.cli import main
+from pivometer.errors import DataError, UsageError
+from pivometer.io.result import result_text
+from pivometer.measurement import Measurement
+from pivometer.pipeline import check
+from pivometer.pipeline.junit import junit_text
+from pivometer.pipeline.own_error import own_error, with_own_error
+from pivometer.rcm import Finding
+
+Make = Callable[..., Measurement]
+
+
+def good(make: Make, **options: object) -> Measurement:
+    """A measurement whose calibration suits small limits."""
+    measurement = make(**options)
+    calibration = replace(
+        measurement.calibration,
+        held_out=LengthError(0.01, 0.004, 100),
+        covariance=1e-4 * measurement.calibration.covariance,  # made up without correlations
+    )
+    return replace(measurement, calibration=calibration)
+
+
+def test_the_interval_decides(make_measurement: Make) -> None:
+    measurement = with_own_error(good(make_measurement))
+    assert measurement.intrinsic is not None
+    low, high = measurement.intrinsic.max_interval_mm
+    assert 0 < low < measurement.rcm.minimax.max_mm < high
+    for limit, decision, code in (
+        (1.001 * high, "pass", 0),
+        (0.999 * high, "inconclusive", 5),
+        (1.001 * low, "inconclusive", 5),
+        (0.999 * low, "over", 1),
+    ):
+        outcome = check(measurement, limit)
+        assert (outcome.decision, outcome.exit_code) == (decision, code)
+        assert outcome.interval_mm == (low, high)
+
+
+def test_an_older_result_without_the_robots_own_error_is_decided_alike(
+    make_measurement: Make,
+) -> None:
+    measurement = good(make_measurement)
+    assert measurement.intrinsic is None
+    assert (
+        check(measurement, 0.5).interval_mm == check(with_own_error(measurement), 0.5).interval_mm
+    )
+
+
+def test_a_guard_band_is_put_about_what_was_seen(make_measurement: Make) -> None:
+    measurement = good(make_measurement, u_mm=0.0)
+    largest = measurement.rcm.minimax.max_mm
+    assert check(measurement, largest + 0.05, guard_mm=0.04).decision == "pass"
+    assert check(measurement, largest + 0.05, guard_mm=0.06).decision == "inconclusive"
+    assert check(measurement, largest - 0.05, guard_mm=0.06).decision == "inconclusive"
+    assert check(measurement, largest - 0.05, guard_mm=0.04).decision == "over"
+    assert check(measurement, largest, guard_mm=0).decision == "pass"
+    with pytest.raises(DataError, match="no uncertainty"):
+        check(measurement, 0.5)
+
+
+@pytest.mark.parametrize(("limit", "guard"), [(0.0, None), (-1, 0), (np.nan, 0), (1, -0.1)])
+def test_what_is_no_length_is_refused(
+    limit: float, guard: float | None, make_measurement: Make
+) -> None:
+    with pytest.raises(UsageError):
+        check(good(make_measurement), limit, guard_mm=guard)
+
+
+def broken(measurement: Measurement, condition: str, make: Make) -> Measurement:
+    """Break one condition of validity."""
+    if condition == "geometry":
+        return replace(measurement, findings=(Finding("refusal", "too narrow", "tilt"),))
+    if condition == "poses":
+        return good(make, count=19)
+    if condition == "calibration":
+        worse = replace(measurement.calibration, held_out=LengthError(0.3, 0.126, 100))
+        return replace(measurement, calibration=worse)
+    if condition == "diameter":
+        return replace(measurement, setup=replace(measurement.setup, diameter_mm=9.6))
+    return with_own_error(good(make, u_mm=1.0))
+
+
+@pytest.mark.parametrize("condition", ["geometry", "poses", "calibration", "diameter", "noise"])
+def test_a_condition_that_is_not_met_forbids_a_decision(
+    condition: str, make_measurement: Make
+) -> None:
+    measurement = with_own_error(good(make_measurement))
+    assert all(one.status == "met" for one in check(measurement, 0.5).validity)
+    outcome = check(broken(measurement, condition, make_measurement), 0.5)
+    assert (outcome.decision, outcome.exit_code) == ("invalid", 4)
+    assert [one.name for one in outcome.validity if one.status == "not met"] == [condition]
+    assert outcome.text == next(one.text for one in outcome.validity if one.status == "not met")
+
+
+def test_without_a_nominal_diameter_the_scale_is_not_checked(make_measurement: Make) -> None:
+    measurement = good(make_measurement)
+    unknown = replace(measurement, setup=replace(measurement.setup, diameter_mm=None))
+    outcome = check(unknown, 0.5)
+    assert {one.status for one in outcome.validity if one.name == "diameter"} == {"not checked"}
+    assert outcome.decision == "pass"
+
+
+def test_a_robot_that_got_worse_is_not_passed(make_measurement: Make) -> None:
+    before = good(make_measurement)
+    # The same misses, larger: F(137, 137) exceeds 1.326 = 1.151² in 5 % of cases by chance.
+    for growth, decision in ((1.14, "pass"), (1.17, "over"), (0.5, "pass")):
+        distances = growth * before.rcm.least_squares.distances_mm
+        worse = replace(before.rcm.least_squares, distances_mm=distances)
+        after = replace(before, rcm=replace(before.rcm, least_squares=worse))
+        outcome = check(after, 0.5, baseline=before)
+        assert outcome.decision == decision
+        assert outcome.baseline is not None
+
+
+def test_own_error_is_near_what_the_lines_were_made_with(make_measurement: Make) -> None:
+    """With 0.1 mm a component, of which the instrument's 0.02 mm is known."""
+    found = own_error(good(make_measurement))
+    freedom = 2 * 70 - 3
+    wanted = np.sqrt((0.1**2 - 0.02**2) * freedom / 70)
+    assert abs(found.rms_mm - wanted) < 4 * wanted / np.sqrt(2 * freedom)
+    assert 0.02 < found.instrument_rms_mm < 0.04  # √(2 · 0.02²) and what the calibration adds
+
+
+def cases(text: str) -> dict[str, str]:
+    suite = ET.fromstring(text)  # noqa: S314 - our own text
+    found = {case.get("name", ""): case[0].tag for case in suite}
+    kinds = [suite.get(name) for name in ("tests", "failures", "errors", "skipped")]
+    tags = list(found.values())
+    counted = [len(tags), *(tags.count(tag) for tag in ("failure", "error", "skipped"))]
+    assert kinds == [str(count) for count in counted]
+    return found
+
+
+def test_junit_tells_every_condition(make_measurement: Make) -> None:
+    measurement = good(make_measurement)
+    passed = cases(junit_text(check(measurement, 0.5, baseline=measurement), name="a<&\x07b"))
+    assert set(passed) == {"geometry", "poses", "calibration", "diameter", "baseline", "limit"}
+    assert set(passed.values()) == {"system-out"}
+    assert cases(junit_text(check(measurement, 0.05), name="x"))["limit"] == "failure"
+    invalid = cases(junit_text(check(good(make_measurement, count=19), 0.5), name="x"))
+    assert (invalid["poses"], invalid["limit"]) == ("failure", "skipped")
+    error = DataError("<nothing> there", next_step="look")
+    assert cases(junit_text(error, name="x")) == {"measurement": "error"}
+
+
+def write(measurement: Measurement, path: Path) -> str:
+    path.write_text(result_text(measurement), encoding="utf-8")
+    return str(path)
+
+
+def test_the_command_on_a_result_file(
+    make_measurement: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    result = write(with_own_error(good(make_measurement)), tmp_path / "result.json")
+    junit = tmp_path / "out" / "check.xml"
+    for limit, code, word in (("0.5", 0, "pass:"), ("0.05", 1, "over:")):
+        assert main(["check", result, "--limit", limit, "--junit", str(junit)]) == code
+        assert f"\n{word} " in capsys.readouterr().out
+        assert (cases(junit.read_text(encoding="utf-8"))["limit"] == "failure") == (code > 0)
+    assert main(["check", result, "--limit", "0.5", "--baseline", result]) == 0
+    few = write(good(make_measurement, count=19), tmp_path / "few.json")
+    assert main(["check", few, "--limit", "0.5"]) == 4
+    vague = write(good(make_measurement, u_mm=0.08), tmp_path / "vague.json")
+    assert main(["check", vague, "--limit", "0.26"]) == 5
+
+
+def test_wrong_usage_and_unfit_data_of_the_command(
+    make_measurement: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    result = write(good(make_measurement, u_mm=0.0), tmp_path / "result.json")
+    junit = tmp_path / "check.xml"
+    assert main(["check", result]) == 2
+    assert main(["check", result, "--limit", "0"]) == 2
+    assert main(["check", result, "--limit", "0.5", "--output", str(tmp_path)]) == 2
+    assert main(["check", str(tmp_path / "none"), "--limit", "0.5"]) == 2
+    assert not junit.exists()
+    assert main(["check", result, "--limit", "0.5", "--junit", str(junit)]) == 3
+    assert cases(junit.read_text(encoding="utf-8")) == {"measurement": "error"}
+    assert "no uncertainty" in capsys.readouterr().err
