@@ -32,6 +32,18 @@ def test_prints_both_points_and_writes_them(
     assert content["rcm"]["least_squares"]["point_mm"] == expected.least_squares.point_mm.tolist()
     assert len(content["lines"]) == len(content["rcm"]["minimax"]["distances_mm"]) == 25
     assert content["findings"] == []
+    assert content["least_distance"]["mean_mm"] <= min(
+        np.mean(content["rcm"][name]["distances_mm"]) for name in ("minimax", "least_squares")
+    )
+    assert len(content["trimmed"]["left_out"]) == 6
+
+
+def test_an_outlying_line_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    points, axes = write(tmp_path / "lines.csv", 0.5)
+    points[7] += [3, 0, 0]
+    np.savetxt(tmp_path / "lines.csv", np.hstack([points, axes]), delimiter=",", fmt="%.17g")
+    assert main(["solve", str(tmp_path / "lines.csv")]) == 0
+    assert "warning: 1 of 25 poses (8) misses the RCM by far more" in capsys.readouterr().out
 
 
 def test_a_needle_of_a_cone_gets_no_answer(

@@ -27,7 +27,7 @@ from pivometer.pipeline.calibrating import Method, calibrate
 from pivometer.pipeline.framing import with_board_frame
 from pivometer.pipeline.own_error import with_own_error
 from pivometer.pipeline.reading import Progress, ReadImage, hashes, in_threads, read, usable
-from pivometer.rcm import geometry_findings, solve
+from pivometer.rcm import geometry_findings, outlier_findings, solve
 from pivometer.shaft.detection import SeedRejection, ShaftSeed, find_shaft
 from pivometer.shaft.edges import ShaftEdges, fit_edges
 from pivometer.shaft.gate import diameter_faults
@@ -219,7 +219,7 @@ def _measurement(
         poses=tuple(
             pose if isinstance(pose, RejectedPose) else _used_pose(*next(rows)) for pose in poses
         ),
-        findings=findings,
+        findings=findings + outlier_findings([line.pose for line in lines], points, directions),
         calibration=calibration,
         setup=Setup(
             session=session.folder.resolve().name,

@@ -10,7 +10,17 @@ from pivometer.errors import DegenerateGeometryError
 from pivometer.io.atomic import write_files
 from pivometer.io.codec import json_text, jsonable
 from pivometer.io.lines import Lines, read_lines
-from pivometer.rcm import Finding, RcmSolution, geometry_findings, solve
+from pivometer.rcm import (
+    Finding,
+    LeastDistanceRcm,
+    RcmSolution,
+    TrimmedRcm,
+    geometry_findings,
+    least_distance_rcm,
+    outlier_findings,
+    solve,
+    trimmed_rcm,
+)
 
 RCM_SCHEMA = "pivometer/rcm/1"
 
@@ -26,12 +36,16 @@ class SolvedLines:
     rcm
         Both RCM points. The covariance holds the scatter of the lines only: what all lines have in
         common, such as the calibration of the instrument they come from, is not in it.
+    least_distance, trimmed
+        Two points that a few wrong lines do not move.
     findings
         What weakens the answer, in plain words.
     """
 
     lines: Lines
     rcm: RcmSolution
+    least_distance: LeastDistanceRcm
+    trimmed: TrimmedRcm
     findings: tuple[Finding, ...]
 
 
@@ -51,7 +65,13 @@ def solve_lines(path: Path | str) -> SolvedLines:
     for finding in findings:
         if finding.severity == "refusal":
             raise DegenerateGeometryError(finding.text, next_step=finding.next_step, path=path)
-    return SolvedLines(lines, rcm, findings)
+    return SolvedLines(
+        lines,
+        rcm,
+        least_distance_rcm(lines.points_mm, lines.directions),
+        trimmed_rcm(lines.points_mm, lines.directions),
+        findings + outlier_findings(lines.names, lines.points_mm, lines.directions),
+    )
 
 
 def write_solution(solved: SolvedLines, folder: Path | str) -> Path:
@@ -65,6 +85,8 @@ def write_solution(solved: SolvedLines, folder: Path | str) -> Path:
         "inputs": {solved.lines.source: solved.lines.sha256},
         "lines": list(solved.lines.names),
         "rcm": jsonable(solved.rcm),
+        "least_distance": jsonable(solved.least_distance),
+        "trimmed": jsonable(solved.trimmed),
         "findings": jsonable(solved.findings),
     }
     return write_files(folder, {"rcm.json": json_text(content) + "\n"})["rcm.json"]
