@@ -97,13 +97,13 @@ def fixed_board(
         )
     _refuse_moved(seen)
     means = [_mean_view(mine) for mine in seen]
-    start = _pose_alone(max(means, key=lambda view: len(view.ids)), board, rig)
-    means = [_numbered_as_projected(view, board, rig, start) for view in means]
+    start = pose_alone(max(means, key=lambda view: len(view.ids)), board, rig)
+    means = [numbered_as_projected(view, board, rig, start) for view in means]
     pose = board_pose(means, board.corners_mm, rig, start, steps=20)
     turn = _upright(pose, board)
     means = [view.renumbered(board.symmetries[turn]) for view in means]
     pose = board_pose(means, board.corners_mm, rig, pose @ board_turns(board)[turn])
-    errors, jacobian = _errors(means, board.corners_mm, rig, pose)
+    errors, jacobian = projection_errors(means, board.corners_mm, rig, pose)
     rms_px = float(np.sqrt(2 * np.mean(errors**2)))
     _refuse_disagreement(rms_px, noise_px, views)
     floor = float(np.mean([np.mean(view.sigma_px**2) for view in means]))
@@ -144,7 +144,7 @@ def board_pose(
     """
     pose = start
     for _ in range(steps):
-        errors, jacobian = _errors(views, corners_mm, rig, pose)
+        errors, jacobian = projection_errors(views, corners_mm, rig, pose)
         step: Floats = np.linalg.lstsq(jacobian, -errors, rcond=None)[0].astype(np.float64)
         pose = moved(pose, step)
         if float(np.abs(step).max()) < 1e-10:
@@ -253,7 +253,7 @@ def _mean_view(views: Sequence[BoardView]) -> BoardView:
     )
 
 
-def _pose_alone(view: BoardView, board: Board, rig: Rig) -> RigidTransform:
+def pose_alone(view: BoardView, board: Board, rig: Rig) -> RigidTransform:
     """Return the board's pose in the reference frame from one camera's view."""
     index = rig.index(view.camera)
     normalized = rig.cameras[index].normalized_from_pixels(view.pixels)
@@ -262,7 +262,7 @@ def _pose_alone(view: BoardView, board: Board, rig: Rig) -> RigidTransform:
     return rig.reference_from_camera[index] @ camera_from_board_pose(np.eye(3), H, corners)
 
 
-def _numbered_as_projected(
+def numbered_as_projected(
     view: BoardView, board: Board, rig: Rig, pose: RigidTransform
 ) -> BoardView:
     """Choose the numbering under which the board, posed as it is, lands nearest to the corners."""
@@ -286,7 +286,7 @@ def _normalized(
     return points[:, :2] / points[:, 2:], points
 
 
-def _errors(
+def projection_errors(
     views: Sequence[BoardView], corners_mm: Floats, rig: Rig, pose: RigidTransform
 ) -> tuple[Floats, Floats]:
     """Return projected minus seen corners (m,), px, and their derivatives (m, 6), see `moved`."""

@@ -14,8 +14,9 @@ from pivometer.calibration import (
     calibrate_rig,
     find_corners,
 )
+from pivometer.calibration.diagnosis import diagnosed
 from pivometer.cameras.distortion import DistortionModel
-from pivometer.errors import CalibrationError, DataError
+from pivometer.errors import BoardNotFoundError, CalibrationError, DataError, ImageError
 from pivometer.io.session import Session
 from pivometer.pipeline.reading import (
     Progress,
@@ -82,10 +83,12 @@ def calibrate(
         "finding boards",
         progress,
     )
+    refuse_mirrored_markers(reads, found, session)
+    views = [view for view in found if isinstance(view, BoardView)]
     unseen = tuple(view for view in found if isinstance(view, RejectedView))
     try:
         calibration = calibrate_rig(
-            [view for view in found if isinstance(view, BoardView)],
+            views,
             session.board,
             sizes,
             reference=session.reference,
@@ -93,7 +96,9 @@ def calibrate(
             distortion=distortion,
         )
     except CalibrationError as error:
-        raise _with_reason(error, unseen, len(found)) from error
+        if 2 * len(unseen) >= len(found):
+            raise _with_reason(error, unseen, len(found)) from error
+        raise diagnosed(error, views, session.board, sizes) from error
     return replace(
         calibration,
         rejected=unseen + calibration.rejected,
@@ -114,9 +119,7 @@ def corners(read: ReadImage, session: Session, size: tuple[int, int]) -> BoardVi
 def _with_reason(
     error: CalibrationError, unseen: Sequence[RejectedView], count: int
 ) -> CalibrationError:
-    """Add to a failed calibration why most of its images were thrown out, where many were."""
-    if 2 * len(unseen) < count:
-        return error
+    """Add to a failed calibration why most of its images were thrown out."""
     reasons = Counter(view.reason.removeprefix(f"{view.view}: ") for view in unseen)
     (reason, times), *_ = reasons.most_common(1)
     reason, _, next_step = reason.partition("; next: ")
@@ -124,3 +127,45 @@ def _with_reason(
         f"{error.what}; {len(unseen)} of {count} images were thrown out, {times} of them: {reason}"
     )
     return CalibrationError(what, next_step=next_step or error.next_step)
+
+
+def refuse_mirrored_markers(
+    reads: Sequence[ReadImage], found: Sequence[BoardView | RejectedView], session: Session
+) -> None:
+    """Refuse ChArUco images of a camera that show the board only when mirrored back.
+
+    Markers cannot be read in a mirror, unlike a checkerboard; so where a camera shows no board at
+    all, its first images are tried once more.
+
+    Raises
+    ------
+    CalibrationError
+        With the names of the files.
+    """
+    if session.board.kind != "charuco":
+        return
+    for camera in session.cameras:
+        mine = [
+            (one, view) for one, view in zip(reads, found, strict=True) if one.file.camera == camera
+        ]
+        if any(isinstance(view, BoardView) for _, view in mine):
+            continue
+        shown = [one.file.name for one, _ in mine[:5] if _readable_in_a_mirror(one, session)]
+        if shown:
+            raise CalibrationError(
+                f"the images of camera {camera} are mirrored, left for right: the board's markers "
+                f"can be read only in a mirror ({', '.join(shown)} and so on)",
+                next_step="switch mirroring off in that camera's software, or mirror all of its "
+                "images back, those of the shaft too",
+            )
+
+
+def _readable_in_a_mirror(one: ReadImage, session: Session) -> bool:
+    if isinstance(one.outcome, ImageError):
+        return False
+    image = one.outcome.image[:, ::-1].copy()
+    try:
+        find_corners(image, session.board, camera=one.file.camera, view=one.file.view)
+    except BoardNotFoundError:
+        return False
+    return True

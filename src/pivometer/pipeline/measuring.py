@@ -24,6 +24,7 @@ from pivometer.io.images import Image
 from pivometer.io.session import Session
 from pivometer.measurement import Measurement, PoseDistances, RejectedPose, Setup, UsedPose
 from pivometer.pipeline.calibrating import Method, calibrate
+from pivometer.pipeline.diagnosing import refuse_other_scale, refuse_wrong_order, with_checks
 from pivometer.pipeline.framing import with_board_frame
 from pivometer.pipeline.own_error import with_own_error
 from pivometer.pipeline.reading import Progress, ReadImage, hashes, in_threads, read, usable
@@ -86,7 +87,8 @@ def measure(
     poses = _poses(session, calibration.rig, seen)
     inputs = ({} if rig else dict(calibration.inputs)) | hashes(reads)
     measurement = _measurement(session, calibration, poses, inputs)
-    return with_board_frame(measurement, session, progress)
+    measurement = with_board_frame(measurement, session, progress)
+    return with_checks(measurement, session, progress)
 
 
 def _refuse_other_cameras(session: Session, rig: Rig) -> None:
@@ -142,14 +144,15 @@ def _poses(
     session: Session, rig: Rig, seen: Mapping[str, Mapping[str, ShaftEdges | DataError]]
 ) -> list[Triangulated | RejectedPose]:
     """Triangulate every pose that at least two cameras saw, and gate the shaft they saw."""
+    refuse_wrong_order(seen, rig)
     poses = [
         _triangulated(pose, rig, {name: outcomes.get(pose) for name, outcomes in seen.items()})
         for pose in session.shaft
     ]
     lines = [pose for pose in poses if isinstance(pose, Triangulated)]
-    faults = diameter_faults(
-        [line.centerline.diameters_mm for line in lines], nominal_mm=session.diameter_mm
-    )
+    diameters = [line.centerline.diameters_mm for line in lines]
+    refuse_other_scale(diameters, session.diameter_mm, session.board.square_mm)
+    faults = diameter_faults(diameters, nominal_mm=session.diameter_mm)
     wrong = {
         line.pose: RejectedPose(line.pose, fault, _SHAFT_ADVICE, line.edges)
         for line, fault in zip(lines, faults, strict=True)
