@@ -1,11 +1,14 @@
-"""Why views that are good for each camera alone fit no common rig: mirrored, or not of one moment."""
+"""What is odd about board views: mirrored, inverted, or not of the moment their names say."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pivometer._arrays import Floats
 from pivometer.calibration.board import Board, BoardView, Ids
 from pivometer.calibration.half_turn import PosedView, camera_tree, relative_pose_by_vote
 from pivometer.calibration.intrinsics import CameraCalibration, calibrate_camera
@@ -140,3 +143,46 @@ def _late(
             "the same moment",
         )
     return None
+
+
+def shows_inverted(image: NDArray[Any], view: BoardView, board: Board) -> bool:
+    """Tell whether a ChArUco board is bright where it should be dark, as printed or displayed.
+
+    Its plain squares, those without markers, are black; the rims of the others are white.
+
+    Parameters
+    ----------
+    image
+        The grey image in which `view` was found.
+    view
+        The corners.
+    board
+        The board.
+    """
+    places = {int(number): place for number, place in zip(view.ids, view.pixels, strict=True)}
+    across, down = board.inner_corners
+    rims: tuple[list[float], list[float]] = ([], [])
+    busy: tuple[list[float], list[float]] = ([], [])
+    for row in range(down - 1):
+        for column in range(across - 1):
+            first = row * across + column
+            numbers = (first, first + 1, first + across, first + across + 1)
+            if not all(number in places for number in numbers):
+                continue
+            ends = np.array([places[number] for number in numbers])
+            centre = ends.mean(axis=0)
+            parity = (row + column) % 2
+            rims[parity].append(float(_grey_at(image, centre + 0.86 * (ends - centre)).mean()))
+            steps = np.linspace(-0.6, 0.6, 9)[:, None, None]
+            busy[parity].append(float(_grey_at(image, centre + steps * (ends - centre)).std()))
+    if not (rims[0] and rims[1]):
+        return False
+    plain = int(np.argmin([np.median(values) for values in busy]))
+    return bool(np.median(rims[plain]) > np.median(rims[1 - plain]))
+
+
+def _grey_at(image: NDArray[Any], points: Floats) -> Floats:
+    limit = np.array([image.shape[1], image.shape[0]]) - 1
+    place = np.rint(points).clip(0, limit).astype(np.intp)
+    values: Floats = image[place[..., 1], place[..., 0]].astype(np.float64)
+    return values

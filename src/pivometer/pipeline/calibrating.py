@@ -14,7 +14,7 @@ from pivometer.calibration import (
     calibrate_rig,
     find_corners,
 )
-from pivometer.calibration.diagnosis import diagnosed
+from pivometer.calibration.diagnosis import diagnosed, shows_inverted
 from pivometer.cameras.distortion import DistortionModel
 from pivometer.errors import BoardNotFoundError, CalibrationError, DataError, ImageError
 from pivometer.io.session import Session
@@ -102,6 +102,7 @@ def calibrate(
     return replace(
         calibration,
         rejected=unseen + calibration.rejected,
+        notes=calibration.notes + _inverted_note(reads, found, session),
         inputs=hashes(reads),
     )
 
@@ -169,3 +170,23 @@ def _readable_in_a_mirror(one: ReadImage, session: Session) -> bool:
     except BoardNotFoundError:
         return False
     return True
+
+
+def _inverted_note(
+    reads: Sequence[ReadImage], found: Sequence[BoardView | RejectedView], session: Session
+) -> tuple[str, ...]:
+    """Say that the board is inverted, by the first view of each camera that shows it."""
+    if session.board.kind != "charuco":
+        return ()
+    first: dict[str, str] = {}
+    for one, view in zip(reads, found, strict=True):
+        if isinstance(view, RejectedView) or isinstance(one.outcome, ImageError):
+            continue
+        if view.camera not in first:
+            inverted = shows_inverted(one.outcome.image, view, session.board)
+            first[view.camera] = one.file.name if inverted else ""
+    names = [name for name in first.values() if name]
+    if not names:
+        return ()
+    where = ", ".join(names)
+    return (f"the board is inverted, bright where it should be dark ({where}); used as it is",)

@@ -1,4 +1,4 @@
-"""Mistakes that no single picture shows: swapped cameras, a wrong scale, a camera that was moved."""
+"""Mistakes that no single picture shows: swapped cameras, a wrong scale, a moved camera."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from pivometer._arrays import Floats
 from pivometer.calibration import BoardView, Calibration
 from pivometer.calibration.drift import Drift, drift
 from pivometer.cameras import Rig
-from pivometer.errors import CalibrationError, DataError
+from pivometer.errors import CalibrationError, DataError, DegenerateGeometryError
 from pivometer.io.session import Session
 from pivometer.measurement import Measurement
 from pivometer.pipeline.calibrating import corners
 from pivometer.pipeline.reading import Progress, hashes, in_threads, read
 from pivometer.rcm import Finding
 from pivometer.shaft.edges import ShaftEdges
-from pivometer.shaft.gate import NOMINAL_TOLERANCE
-from pivometer.uncertainty.propagation import rcm_of_points, thinned_points
+from pivometer.shaft.gate import NOMINAL_TOLERANCE, SPREAD_TOLERANCE
+from pivometer.shaft.triangulation import triangulate_centerline
+from pivometer.uncertainty.propagation import SeenAlike, rcm_of_points, thinned_points
 
 BETTER = 5.0
 """How many times better centerlines must meet in another order of cameras or files to say that the
@@ -52,27 +53,55 @@ def refuse_wrong_order(seen: Seen, rig: Rig) -> None:
     if len(complete) < 5:
         return
     edges = [[_edges(seen, name, pose) for name in names] for pose in complete]
-    points = thinned_points(edges, names)
-    right = _rms_mm(points, rig)
+    (group,) = thinned_points(edges, names)
+    right = _rms_mm(group, rig)
     for order in list(permutations(range(len(names))))[1:]:
-        if _rms_mm([points[k] for k in order], rig) * BETTER < right:
+        exchanged = replace(group, points_px=tuple(group.points_px[k] for k in order))
+        if _rms_mm(exchanged, rig) * BETTER < right:
             pairs = [(names[b], names[a]) for a, b in enumerate(order) if a != b]
             shown = ", ".join(f"shaft/{a} was taken by camera {b}" for a, b in pairs)
             raise CalibrationError(
                 f"the shaft images fit the board images only with the cameras exchanged: {shown}",
-                next_step="exchange the folders under shaft/, or those under board/ and intrinsics/",
+                next_step="exchange the folders under shaft/, or those under board/, intrinsics/",
             )
+    _refuse_late(complete, edges, rig)
+
+
+def _refuse_late(poses: Sequence[str], edges: Sequence[Sequence[ShaftEdges]], rig: Rig) -> None:
+    """Refuse files that are late: the planes still meet at the RCM, but the diameters scatter."""
+    right = _diameter_scatter(edges, rig)
+    if right < SPREAD_TOLERANCE:
+        return
+    names = [camera.name for camera in rig.cameras]
     for camera, lag in ((c, lag) for c in range(1, len(names)) for lag in LAGS):
-        shifted = [_lagged(p, lag if k == camera else 0, lag) for k, p in enumerate(points)]
-        if len(shifted[0]) >= 5 and _rms_mm(shifted, rig) * BETTER < right:
-            example = complete[max(0, -lag)], complete[max(0, -lag) + lag]
+        start, count = max(0, -lag), len(edges) - abs(lag)
+        shifted = [
+            [edges[i + lag * (k == camera)][k] for k in range(len(names))]
+            for i in range(start, start + count)
+        ]
+        if count >= 5 and _diameter_scatter(shifted, rig) * BETTER < right:
             raise CalibrationError(
                 f"the shaft images of camera {names[camera]} are {abs(lag)} "
                 f"{'pose' if abs(lag) == 1 else 'poses'} off: what camera {names[0]} shows in "
-                f"{example[0]} is in {example[1]} of camera {names[camera]}",
+                f"{poses[start]} is in {poses[start + lag]} of camera {names[camera]}",
                 next_step=f"rename the files under shaft/{names[camera]}: the same name must mean "
                 "the same moment",
             )
+
+
+def _diameter_scatter(edges: Sequence[Sequence[ShaftEdges]], rig: Rig) -> float:
+    """Return the relative scatter of the diameters that all cameras measure in all poses."""
+    measured: list[float] = []
+    for pose in edges:
+        try:
+            line = triangulate_centerline(
+                np.stack([found.normals for found in pose]), rig.reference_from_camera
+            )
+        except DegenerateGeometryError:
+            continue
+        measured += list(line.diameters_mm)
+    median = float(np.median(measured)) if measured else 1.0
+    return float(np.sqrt(np.mean((np.array(measured) / median - 1) ** 2))) if measured else np.inf
 
 
 def _edges(seen: Seen, name: str, pose: str) -> ShaftEdges:
@@ -82,15 +111,9 @@ def _edges(seen: Seen, name: str, pose: str) -> ShaftEdges:
     raise found
 
 
-def _lagged(points: Floats, mine: int, lag: int) -> Floats:
-    """Return the poses of one camera that face another camera's, whose files are `lag` late."""
-    count, start = len(points) - abs(lag), max(0, -lag)
-    return points[start + mine : start + mine + count]
-
-
-def _rms_mm(points: Sequence[Floats], rig: Rig) -> float:
+def _rms_mm(group: SeenAlike, rig: Rig) -> float:
     try:
-        return rcm_of_points(points, rig).rms_mm
+        return rcm_of_points([group], rig).rms_mm
     except DataError:
         return float("inf")
 
