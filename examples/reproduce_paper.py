@@ -28,10 +28,12 @@ PAPER = {
 TITLES = {"gold": "Gold standard (spherical bearing)", "davinci": "da Vinci (linkage errors)"}
 
 
-def print_table(preset: str, measured: Measurement, truth: RcmSolution) -> None:
+def print_table(
+    preset: str, calibration: pivometer.Calibration, measured: Measurement, truth: RcmSolution
+) -> None:
     """Print one experiment in the form of Table I."""
     ours = measured.rcm.minimax
-    edges = measured.calibration.edge_length_error
+    edges = calibration.edge_length_error
     paper = PAPER[preset]
     print(f"\n{TITLES[preset]}: {len(measured.used)} poses used, {len(measured.rejected)} rejected")
     print(f"{'mm':24}{'paper':>9}{'ours':>9}{'truth':>9}")
@@ -58,9 +60,11 @@ def main(folder: Path) -> None:
     """Simulate, measure and print both experiments."""
     for preset in PAPER:
         session = pipeline.simulate(preset, folder / preset)
-        measured = pivometer.measure(pivometer.load(session))
+        loaded = pivometer.load(session)
+        calibration = pivometer.calibrate(loaded)
+        measured = pivometer.measure(loaded, rig=calibration)
         used = [pose.pose for pose in measured.used]
-        print_table(preset, measured, pipeline.true_rcm(session, poses=used))
+        print_table(preset, calibration, measured, pipeline.true_rcm(session, poses=used))
 
 
 if __name__ == "__main__":

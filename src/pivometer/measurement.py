@@ -7,13 +7,14 @@ from pivometer._arrays import Floats, checked, read_only
 from pivometer.calibration.board import Board
 from pivometer.calibration.procedure import Calibration
 from pivometer.calibration.result import RejectedView
+from pivometer.cameras import Rig
 from pivometer.geometry.rigid import RigidTransform
 from pivometer.rcm.result import Finding, RcmSolution
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.triangulation import Centerline
 from pivometer.uncertainty.frame import BoardFrameUncertainty
 from pivometer.uncertainty.intrinsic import IntrinsicError
-from pivometer.uncertainty.propagation import LocationUncertainty
+from pivometer.uncertainty.propagation import LinesUncertainty, LocationUncertainty
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +87,28 @@ class RejectedPose:
     next_step: str
     edges: tuple[ShaftEdges, ...] = ()
     status: str = "rejected"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImportedRig:
+    """A rig that another program calibrated: cameras and poses, and no word of how good they are.
+
+    Parameters
+    ----------
+    rig
+        The cameras and their poses.
+    file_format
+        The format of the files it came from.
+    inputs
+        SHA-256 of these files, by name.
+    status
+        ``"imported"``.
+    """
+
+    rig: Rig
+    file_format: str
+    inputs: Mapping[str, str]
+    status: str = "imported"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,15 +218,17 @@ class Measurement:
     ----------
     rcm
         Both RCM points. ``rcm.least_squares.covariance_mm2`` is the whole covariance of the
-        location: scatter of the centerlines plus calibration.
+        location: scatter of the centerlines plus calibration; of an imported rig, where the
+        calibration's part is unknown, it is the scatter alone.
     uncertainty
-        That covariance in its parts, and the expanded uncertainty.
+        That covariance in its parts, and the expanded uncertainty; of an imported rig the part
+        from the lines only, with the status ``"calibration unknown"``.
     poses
         Every pose of the session, used or rejected, in the session's order.
     findings
         What weakens the answer, in plain words.
     calibration
-        The rig and its quality.
+        The rig and its quality; or a rig of another program, whose quality is unknown.
     setup
         What the session says of itself.
     inputs
@@ -219,10 +244,10 @@ class Measurement:
     """
 
     rcm: RcmSolution
-    uncertainty: LocationUncertainty
+    uncertainty: LocationUncertainty | LinesUncertainty
     poses: tuple[UsedPose | RejectedPose, ...]
     findings: tuple[Finding, ...]
-    calibration: Calibration
+    calibration: Calibration | ImportedRig
     setup: Setup
     inputs: Mapping[str, str]
     software: str

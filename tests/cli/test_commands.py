@@ -15,7 +15,17 @@ from pivometer.cli import main
 from pivometer.cli.front_page import FRONT_PAGE
 from pivometer.errors import CalibrationError, PivometerError, SessionError
 
-COMMANDS = ("demo", "simulate", "calibrate", "measure", "target", "solve", "check", "schema")
+COMMANDS = (
+    "demo",
+    "simulate",
+    "calibrate",
+    "measure",
+    "export",
+    "target",
+    "solve",
+    "check",
+    "schema",
+)
 
 
 @dataclass
@@ -108,7 +118,7 @@ def test_measure_calibrates_where_no_rig_is_given(calls: Calls, tmp_path: Path) 
     assert main(["measure", str(tmp_path)]) == 0
     names = [name for name, _, _ in calls.made]
     assert names == ["load", "measure", "write_measurement"]
-    assert calls.made[1][2] == {"rig": None, "method": "joint"}
+    assert calls.made[1][2] == {"rig": None, "method": "joint", "distortion": "radial2"}
     assert calls.made[2][1][2] == tmp_path / "results"
     assert calls.made[2][2] == {"command": f"pivometer measure {tmp_path}"}
 
@@ -116,18 +126,34 @@ def test_measure_calibrates_where_no_rig_is_given(calls: Calls, tmp_path: Path) 
 def test_measure_hands_its_options_on(
     calls: Calls, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pivometer.io.result.read_rig", lambda path: f"rig of {path}")
+    asked = []
+    monkeypatch.setattr(
+        "pivometer.io.formats.read_any_rig",
+        lambda path, **told: asked.append(told) or f"rig of {path}",
+    )
     assert main(["measure", "s", "--output", str(tmp_path / "o"), "--rig", "r.json"]) == 0
-    assert calls.made[1][2] == {"rig": "rig of r.json", "method": "joint"}
+    assert calls.made[1][2] == {
+        "rig": "rig of r.json",
+        "method": "joint",
+        "distortion": "radial2",
+    }
+    assert asked == [{"unit_mm": None, "image_size": None}]
     assert calls.made[2][1][2] == tmp_path / "o"
     assert calls.made[2][2]["command"].endswith("--rig r.json")
+    told = ["--rig", "r.yml", "--unit-mm", "25", "--image-size", "640", "480"]
+    assert main(["measure", "s", *told]) == 0
+    assert asked[1] == {"unit_mm": 25.0, "image_size": (640, 480)}
+    assert calls.made[5][2]["command"].endswith("--unit-mm 25.0 --image-size 640 480")
+    calls.made.clear()
     assert main(["measure", "s", "--method", "paper"]) == 0
-    assert calls.made[4][2] == {"rig": None, "method": "paper"}
+    assert calls.made[1][2] == {"rig": None, "method": "paper", "distortion": "radial2"}
 
 
 def test_calibrate(calls: Calls, tmp_path: Path) -> None:
     assert main(["calibrate", str(tmp_path), "--method", "paper"]) == 0
-    assert calls.made[1][2] == {"method": "paper"}
+    assert calls.made[1][2] == {"method": "paper", "distortion": "radial2"}
+    assert main(["calibrate", str(tmp_path), "--distortion", "brown5"]) == 0
+    assert calls.made[4][2] == {"method": "joint", "distortion": "brown5"}
     assert calls.made[2][1] == ("calibration", tmp_path / "results")
 
 
@@ -207,6 +233,10 @@ USAGE = {
     "simulate gold d --poses many": 'error: Invalid value for --poses: unable to convert "many"',
     "measure s --rigg r.json": "error: Unknown option: --rigg. Did you mean --rig?",
     "measure s --rig r.json --method paper": "error: --method says how to calibrate, but --rig",
+    "measure s --rig r.json --distortion none": "error: --distortion says how to calibrate, but",
+    "measure s --unit-mm 1": "error: --unit-mm and --image-size describe a --rig, and none is",
+    "measure s --distortion wide": 'error: Invalid value "wide" for --distortion.',
+    "export r.json p --to bundler": 'error: Invalid value "bundler" for --to.',
     "target --squares 9": 'error: Command "target" parameter --squares requires 2',
     "target --paper A5": 'error: Invalid value "A5" for --paper. Choose from: "A4", "A3", "Letter"',
     "target --squares 2x2": "error: a board of 2×2 squares has too few inner corners",
@@ -221,7 +251,9 @@ def test_wrong_usage_is_code_2(
     assert main(typed.split()) == 2
     told = capsys.readouterr()
     assert told.err.startswith(USAGE[typed])
-    known = typed.split()[0] in COMMANDS and "--method says" not in told.err
+    known = typed.split()[0] in COMMANDS and not any(
+        ours in told.err for ours in ("says how to calibrate", "describe a --rig")
+    )
     wanted = f"see pivometer {typed.split()[0]} --help" if known else ""
     assert f"\nnext:  {wanted}" in told.err
     assert told.out == ""

@@ -94,7 +94,7 @@ def test_relative_pose_table_takes_its_uncertainties_from_the_covariance(measure
 
 
 def test_length_table_shows_all_held_out_and_the_papers_route(measurement):
-    rows = setup_tables.length_table(measurement).rows
+    rows = setup_tables.length_table(measurement.calibration).rows
     assert [row[1:] for row in rows] == [
         ("0.241", "0.097", "1640"),
         ("0.263", "0.112", "1640"),

@@ -128,7 +128,8 @@ def minimise(
             return state
     raise CalibrationError(
         "the least-squares fit of the board views did not settle within 100 steps",
-        next_step="add board views that are tilted in several directions and fill the image",
+        next_step="add board views that are tilted in several directions and fill the image, or "
+        "choose a distortion model of fewer coefficients",
     )
 
 

@@ -64,11 +64,12 @@ def wider_model_note(joint: JointFit, used: UsedViews, held_out: HeldOut) -> tup
     gains = held_out.mean_squares_mm2(edge) - theirs.mean_squares_mm2(edge)
     if theirs_mm > (1 - LEAST_GAIN) * ours_mm or not _positive(gains):
         return ()
-    return (
+    note = (
         f"the {wider} distortion model reconstructs held-out boards to {theirs_mm:.3f} mm rms, "
         f"{now} to {ours_mm:.3f} mm: more coefficients are justified; calibrate with "
-        f"--distortion {wider}",
+        f"--distortion {wider}"
     )
+    return (note,)
 
 
 def _rig(fit: JointFit, moments: Sequence[str], used: UsedViews) -> Rig:
@@ -111,5 +112,5 @@ def _positive(gains: Floats) -> bool:
     if len(gains) < 3:
         return False
     spread = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
-    mean = float(np.mean(gains))
-    return mean > spread * float(t_distribution.ppf(1 - SIGNIFICANCE, len(gains) - 1))
+    least = spread * float(t_distribution.ppf(1 - SIGNIFICANCE, len(gains) - 1))
+    return bool(float(np.mean(gains)) > least)

@@ -176,8 +176,8 @@ def calibrate_camera(
     """Calibrate one camera from all its views of the board.
 
     Homographies, closed-form K (Zhang), then Levenberg–Marquardt over K, the distortion and all
-    board poses. A view that does not fit (more than 5 times the median view's rms, and more than 1 px)
-    is rejected and the rest fitted again.
+    board poses. A view that does not fit (more than 5 times the median view's rms, and more than
+    1 px) is rejected and the rest fitted again.
 
     Parameters
     ----------

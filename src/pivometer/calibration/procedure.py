@@ -11,6 +11,7 @@ import numpy as np
 from pivometer._arrays import Floats
 from pivometer.calibration.board import Board, BoardView
 from pivometer.calibration.bundle import covariance, residual_variance, view_inflation
+from pivometer.calibration.distortion_choice import wider_model_note
 from pivometer.calibration.half_turn import (
     Numbering,
     PosedView,
@@ -22,7 +23,6 @@ from pivometer.calibration.half_turn import (
     require_pairs,
 )
 from pivometer.calibration.intrinsics import CameraCalibration, calibrate_camera
-from pivometer.calibration.distortion_choice import wider_model_note
 from pivometer.calibration.joint_route import (
     JointFit,
     joint_fit,
@@ -37,9 +37,9 @@ from pivometer.calibration.paper_route import (
     shrunk_covariance,
 )
 from pivometer.calibration.quality import (
+    HeldOut,
     camera_quality,
     epipolar_rms,
-    HeldOut,
     held_out_lengths,
     quality_notes,
 )
@@ -107,7 +107,8 @@ def calibrate_rig(
     Raises
     ------
     UsageError
-        If the method or the distortion model does not exist, or the reference or the camera of a view is not one of the cameras.
+        If the method or the distortion model does not exist, or the reference or the camera of a
+        view is not one of the cameras.
     CalibrationError
         If the views do not determine the rig; the message names the camera and what to add.
 

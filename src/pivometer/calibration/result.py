@@ -49,7 +49,7 @@ class CameraQuality:
     view_count, corner_count
         What the calibration rests on.
     parameters_u
-        Standard uncertainties of the camera's parameters, in the order of their names, shape (4+m,).
+        Standard uncertainties of ``camera.parameters``, shape (4+m,).
     filled
         Fraction of the image, by cells of an 8×6 grid, in which corners were found.
     tilt_deg

@@ -75,8 +75,9 @@ class Rig:
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the entries that `perturbed` takes and that a rig's covariance refers to.
 
-        For each camera its `Camera.parameter_names`; then for each further camera a rotation vector (rad, applied
-        on the left of its rotation) and a translation (mm) of ``reference_from_camera``.
+        For each camera its `Camera.parameter_names`; then for each further camera a rotation
+        vector (rad, applied on the left of its rotation) and a translation (mm) of
+        ``reference_from_camera``.
         """
         pose = ("rx_rad", "ry_rad", "rz_rad", "tx_mm", "ty_mm", "tz_mm")
         return tuple(f"{c.name}.{p}" for c in self.cameras for p in c.parameter_names) + tuple(

@@ -19,8 +19,13 @@ if TYPE_CHECKING:
     from pivometer.measurement import Measurement
 
 Method = Literal["joint", "paper"]
+Format = Literal["opencv", "ros", "kalibr", "matlab", "colmap", "mrcal"]
+Distortion = Literal["none", "radial2", "brown5", "rational8"]
 Kind = Literal["checkerboard", "charuco"]
 Paper = Literal["A4", "A3", "Letter"]
+
+UnitMm = Annotated[float | None, Parameter(validator=Number(gt=0))]
+ImageSize = Annotated[tuple[int, int] | None, Parameter(negative="")]
 
 app = App(
     name="pivometer",
@@ -145,7 +150,11 @@ Example:  pivometer calibrate my-session
 """
 )
 def calibrate(
-    session: Annotated[Path, Parameter(name="SESSION")], /, *, method: Method = "joint"
+    session: Annotated[Path, Parameter(name="SESSION")],
+    /,
+    *,
+    method: Method = "joint",
+    distortion: Distortion = "radial2",
 ) -> None:
     """Calibrate the cameras of a session from its board views.
 
@@ -155,6 +164,9 @@ def calibrate(
         Folder with session.toml and board/<camera>/<view>.png.
     method
         joint: all cameras and views adjusted together; paper: the paper's two steps.
+    distortion
+        Lens model: radial2 has the paper's two coefficients, brown5 five, rational8 eight. A note
+        says so where boards left out of the calibration justify more.
     """
     from pivometer import pipeline
     from pivometer.cli.progress import progress_bar
@@ -162,7 +174,9 @@ def calibrate(
 
     loaded = pipeline.load(session)
     with progress_bar() as progress:
-        calibration = pipeline.calibrate(loaded, method=method, progress=progress)
+        calibration = pipeline.calibrate(
+            loaded, method=method, distortion=distortion, progress=progress
+        )
     path = pipeline.write_calibration(calibration, session / "results")
     show_calibration(calibration, path, ignored=loaded.ignored)
 
@@ -180,6 +194,9 @@ def measure(
     output: Path | None = None,
     rig: Path | None = None,
     method: Method | None = None,
+    distortion: Distortion | None = None,
+    unit_mm: UnitMm = None,
+    image_size: ImageSize = None,
 ) -> None:
     """Measure the RCM of a session and write the report.
 
@@ -192,36 +209,98 @@ def measure(
     output
         Folder for the results; SESSION/results where none is given.
     rig
-        The rig.json of an earlier calibration; calibrates first where none is given.
+        The rig.json of an earlier calibration, or a calibration of another program: OpenCV, ROS,
+        Kalibr, MATLAB, COLMAP or mrcal, a file or the folder with its files. Such a rig has no
+        uncertainty, and the result says so. Calibrates first where none is given.
     method
         How to calibrate: joint, which is used where none is given, or paper.
+    distortion
+        Lens model to calibrate: see pivometer calibrate; radial2 where none is given.
+    unit_mm
+        Length of the unit of the --rig file, mm, where it states none.
+    image_size
+        Width and height of the images, px, where the --rig file states none.
     """
     from pivometer import pipeline
     from pivometer.cli.progress import progress_bar
     from pivometer.cli.show import show_measurement
-    from pivometer.io.result import read_rig
+    from pivometer.io.formats import read_any_rig
 
-    if rig is not None and method is not None:
+    if rig is not None and (method or distortion) is not None:
         raise UsageError(
-            "--method says how to calibrate, but --rig gives a calibration",
+            f"--{'distortion' if method is None else 'method'} says how to calibrate, but --rig "
+            "gives a calibration",
             next_step="leave out one of them",
         )
+    if rig is None and (unit_mm is not None or image_size is not None):
+        raise UsageError(
+            "--unit-mm and --image-size describe a --rig, and none is given",
+            next_step="add --rig, or leave them out",
+        )
     loaded = pipeline.load(session)
-    known = None if rig is None else read_rig(rig)
+    known = None if rig is None else read_any_rig(rig, unit_mm=unit_mm, image_size=image_size)
     folder = session / "results" if output is None else output
     if folder.exists() and not folder.is_dir():
         raise UsageError("is a file", next_step="name a folder for the results", path=folder)
-    options = {"--output": output, "--rig": rig, "--method": method}
+    options: dict[str, object] = {
+        "--output": output,
+        "--rig": rig,
+        "--method": method,
+        "--distortion": distortion,
+        "--unit-mm": unit_mm,
+    }
     given = [str(word) for option in options.items() if option[1] is not None for word in option]
+    given += [] if image_size is None else ["--image-size", *map(str, image_size)]
     command = shlex.join(["pivometer", "measure", str(session), *given])
     with progress_bar() as progress:
         measurement = pipeline.measure(
-            loaded, rig=known, method=method or "joint", progress=progress
+            loaded,
+            rig=known,
+            method=method or "joint",
+            distortion=distortion or "radial2",
+            progress=progress,
         )
         files = pipeline.write_measurement(
             measurement, loaded, folder, command=command, progress=progress
         )
     show_measurement(measurement, files, ignored=loaded.ignored)
+
+
+@app.command(
+    help_prologue="""\
+Example:  pivometer export my-session/results/rig.json --to kalibr camchain.yaml
+          pivometer export intrinsics-and-extrinsics/ --to ros camera_info/ --unit-mm 1
+"""
+)
+def export(
+    rig: Annotated[Path, Parameter(name="RIG")],
+    path: Annotated[Path, Parameter(name="PATH")],
+    /,
+    *,
+    to: Format,
+    unit_mm: UnitMm = None,
+    image_size: ImageSize = None,
+) -> None:
+    """Write a calibrated rig in the format of another program.
+
+    Parameters
+    ----------
+    rig
+        A rig.json or result.json, or a calibration of another program.
+    path
+        File to write; for ros, colmap and mrcal the folder.
+    to
+        The format. What it cannot carry is refused, not dropped; no format carries the covariance.
+    unit_mm
+        Length of the unit of RIG, mm, where it states none.
+    image_size
+        Width and height of the images, px, where RIG states none.
+    """
+    from pivometer.cli.show import say
+    from pivometer.io.formats import read_any_rig, write_rig
+
+    known = read_any_rig(rig, unit_mm=unit_mm, image_size=image_size)
+    say(*map(str, write_rig(known.rig, to, path)))
 
 
 @app.command(

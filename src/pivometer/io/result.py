@@ -11,7 +11,7 @@ from typing import Any
 from pivometer.calibration import Calibration
 from pivometer.errors import UsageError
 from pivometer.io.codec import json_text, jsonable, read_json, typed
-from pivometer.measurement import Measurement
+from pivometer.measurement import ImportedRig, Measurement
 
 RESULT_SCHEMA = "pivometer/result/1"
 RIG_SCHEMA = "pivometer/rig/1"
@@ -52,7 +52,7 @@ def result_text(measurement: Measurement) -> str:
     return json_text(result_content(measurement)) + "\n"
 
 
-def rig_text(calibration: Calibration, *, software: str) -> str:
+def rig_text(calibration: Calibration | ImportedRig, *, software: str) -> str:
     """Return the text of ``rig.json``: a calibration with the observations behind it."""
     content = {
         "schema": RIG_SCHEMA,
@@ -84,8 +84,8 @@ def centerlines_csv(measurement: Measurement) -> str:
     return text.getvalue()
 
 
-def read_rig(path: Path | str) -> Calibration:
-    """Read the calibration in a ``rig.json``, or the one in a ``result.json``.
+def read_rig(path: Path | str) -> Calibration | ImportedRig:
+    """Read the calibration, or the imported rig, in a ``rig.json`` or a ``result.json``.
 
     Parameters
     ----------
@@ -98,7 +98,10 @@ def read_rig(path: Path | str) -> Calibration:
         If the file is not one of them, or is damaged; the message says where.
     """
     content = _content(Path(path), (RIG_SCHEMA, RESULT_SCHEMA))
-    calibration: Calibration = _typed(Calibration, content.get("calibration"), "calibration", path)
+    kind = Calibration | ImportedRig
+    calibration: Calibration | ImportedRig = _typed(
+        kind, content.get("calibration"), "calibration", path
+    )
     return calibration
 
 
@@ -136,7 +139,7 @@ def _content(path: Path, schemas: tuple[str, ...]) -> dict[str, Any]:
     )
 
 
-def _typed(kind: type, content: object, where: str, path: Path | str) -> Any:
+def _typed(kind: Any, content: object, where: str, path: Path | str) -> Any:
     """Return typed content; what is wrong with it names the file."""
     try:
         return typed(kind, content, where)

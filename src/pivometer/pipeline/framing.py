@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pivometer.calibration import BoardView, RejectedView
+from pivometer.calibration import BoardView, Calibration, RejectedView
 from pivometer.calibration.frame import FixedBoard, fixed_board
 from pivometer.errors import CalibrationError
 from pivometer.io.session import Session
-from pivometer.measurement import BoardCenterline, BoardFrame, Measurement
+from pivometer.measurement import BoardCenterline, BoardFrame, ImportedRig, Measurement
 from pivometer.pipeline.calibrating import corners
 from pivometer.pipeline.reading import Progress, hashes, in_threads, read
 from pivometer.rcm import Finding
@@ -27,6 +27,14 @@ def with_board_frame(
     if not files:
         return measurement
     calibration = measurement.calibration
+    if isinstance(calibration, ImportedRig):
+        finding = Finding(
+            "warning",
+            "no result in the reference board's frame: the rig was imported without its "
+            "uncertainty and noise, which the pose of that board rests on",
+            "calibrate with board images of this session",
+        )
+        return replace(measurement, findings=(*measurement.findings, finding))
     reads = in_threads(read, files, "reading the reference board", progress)
     sizes = {camera.name: (camera.width, camera.height) for camera in calibration.rig.cameras}
     found = in_threads(
@@ -48,13 +56,17 @@ def with_board_frame(
             error.next_step,
         )
         return replace(measurement, findings=(*measurement.findings, finding))
-    return replace(measurement, board_frame=_board_frame(measurement, fixed, missing))
+    frame = _board_frame(measurement, calibration, fixed, missing)
+    return replace(measurement, board_frame=frame)
 
 
 def _board_frame(
-    measurement: Measurement, fixed: FixedBoard, missing: tuple[RejectedView, ...]
+    measurement: Measurement,
+    calibration: Calibration,
+    fixed: FixedBoard,
+    missing: tuple[RejectedView, ...],
 ) -> BoardFrame:
-    calibration, rcm = measurement.calibration, measurement.rcm
+    rcm = measurement.rcm
     board_from_reference = fixed.reference_from_board.inverse()
     uncertainty, covariance = board_frame_uncertainty(
         [pose.edges for pose in measurement.used],

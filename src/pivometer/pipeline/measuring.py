@@ -20,26 +20,40 @@ from pivometer.errors import (
     TooFewPosesError,
     UsageError,
 )
+from pivometer.geometry.rigid import RigidTransform
 from pivometer.io.images import Image
 from pivometer.io.session import Session
-from pivometer.measurement import Measurement, PoseDistances, RejectedPose, Setup, UsedPose
+from pivometer.measurement import (
+    ImportedRig,
+    Measurement,
+    PoseDistances,
+    RejectedPose,
+    Setup,
+    UsedPose,
+)
 from pivometer.pipeline.calibrating import Method, calibrate
 from pivometer.pipeline.diagnosing import refuse_other_scale, refuse_wrong_order, with_checks
 from pivometer.pipeline.framing import with_board_frame
 from pivometer.pipeline.own_error import with_own_error
 from pivometer.pipeline.reading import Progress, ReadImage, hashes, in_threads, read, usable
 from pivometer.rcm import geometry_findings, outlier_findings, solve
+from pivometer.rcm.result import Finding
 from pivometer.shaft.detection import SeedRejection, ShaftSeed, find_shaft
 from pivometer.shaft.edges import ShaftEdges, fit_edges
 from pivometer.shaft.gate import diameter_faults
 from pivometer.shaft.triangulation import Centerline, triangulate_centerline
-from pivometer.uncertainty import location_uncertainty
+from pivometer.uncertainty import (
+    LinesUncertainty,
+    LocationUncertainty,
+    lines_uncertainty,
+    location_uncertainty,
+)
 
 
 def measure(
     session: Session,
     *,
-    rig: Calibration | None = None,
+    rig: Calibration | ImportedRig | None = None,
     method: Method = "joint",
     distortion: DistortionModel = "radial2",
     progress: Progress | None = None,
@@ -51,7 +65,9 @@ def measure(
     session
         What `load` returns.
     rig
-        A calibration of the session's cameras; made from its board views where none is given.
+        A calibration of the session's cameras; made from its board views where none is given. A
+        rig of another program has no uncertainty: a finding says so, and that of the location
+        holds the scatter of the centerlines only.
     method, distortion
         How to calibrate then: see `calibrate`.
     progress
@@ -75,6 +91,8 @@ def measure(
     Wilson et al., eqs. (1)–(16) and (22).
     """
     calibration = rig or calibrate(session, method=method, distortion=distortion, progress=progress)
+    if isinstance(calibration, ImportedRig):
+        calibration = replace(calibration, rig=_seen_from(calibration.rig, session.reference))
     _refuse_other_cameras(session, calibration.rig)
     seen: dict[str, dict[str, ShaftEdges | DataError]] = {}
     reads: list[ReadImage] = []
@@ -89,6 +107,17 @@ def measure(
     measurement = _measurement(session, calibration, poses, inputs)
     measurement = with_board_frame(measurement, session, progress)
     return with_checks(measurement, session, progress)
+
+
+def _seen_from(rig: Rig, reference: str) -> Rig:
+    """Return a rig in the frame of another of its cameras, or as it is if it has none such."""
+    names = [camera.name for camera in rig.cameras]
+    if reference not in names:
+        return rig
+    order = sorted(range(len(names)), key=lambda i: names[i] != reference)
+    new_from_old = rig.reference_from_camera[order[0]].inverse()
+    poses = [new_from_old @ rig.reference_from_camera[i] for i in order[1:]]
+    return Rig([rig.cameras[i] for i in order], [RigidTransform.identity(), *poses])
 
 
 def _refuse_other_cameras(session: Session, rig: Rig) -> None:
@@ -194,7 +223,7 @@ def _triangulated(
 
 def _measurement(
     session: Session,
-    calibration: Calibration,
+    calibration: Calibration | ImportedRig,
     poses: Sequence[Triangulated | RejectedPose],
     inputs: Mapping[str, str],
 ) -> Measurement:
@@ -208,13 +237,18 @@ def _measurement(
     for finding in findings:
         if finding.severity == "refusal":
             raise DegenerateGeometryError(finding.text, next_step=finding.next_step)
-    uncertainty = location_uncertainty(
-        [line.edges for line in lines],
-        calibration.rig,
-        calibration.covariance,
-    )
-    best = replace(rcm.least_squares, covariance_mm2=uncertainty.total_mm2)
-    rcm = replace(rcm, least_squares=best)
+    uncertainty: LocationUncertainty | LinesUncertainty
+    if isinstance(calibration, ImportedRig):
+        uncertainty = lines_uncertainty(rcm.least_squares)
+        findings = (*findings, _unknown_calibration(calibration))
+    else:
+        uncertainty = location_uncertainty(
+            [line.edges for line in lines],
+            calibration.rig,
+            calibration.covariance,
+        )
+        best = replace(rcm.least_squares, covariance_mm2=uncertainty.total_mm2)
+        rcm = replace(rcm, least_squares=best)
     rows = iter(zip(lines, rcm.minimax.distances_mm, rcm.least_squares.distances_mm, strict=True))
     measurement = Measurement(
         rcm=rcm,
@@ -236,6 +270,16 @@ def _measurement(
         software=SOFTWARE,
     )
     return with_own_error(measurement)
+
+
+def _unknown_calibration(imported: ImportedRig) -> Finding:
+    return Finding(
+        "warning",
+        f"calibration uncertainty unknown: the rig was imported ({imported.file_format}), and what "
+        "its calibration adds to the uncertainty of the location and to the misses is not in the "
+        "stated figures",
+        "calibrate with board images of this session for a complete uncertainty",
+    )
 
 
 def _used_pose(line: Triangulated, minimax: float, least_squares: float) -> UsedPose:

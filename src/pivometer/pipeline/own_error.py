@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pivometer.measurement import Measurement
+from pivometer.errors import DataError
+from pivometer.measurement import ImportedRig, Measurement
 from pivometer.rcm import Finding
 from pivometer.uncertainty import IntrinsicError, calibration_displacements, intrinsic_error
 
@@ -21,8 +22,16 @@ def own_error(measurement: Measurement) -> IntrinsicError:
     ------
     ShapeError
         If no centerline has an uncertainty.
+    DataError
+        If the rig was imported: then the calibration's part is unknown.
     """
     used, calibration = measurement.used, measurement.calibration
+    if isinstance(calibration, ImportedRig):
+        raise DataError(
+            "the rig was imported without its uncertainty, so the instrument's part of the misses "
+            "is unknown",
+            next_step="calibrate with board images of this session, or give a guard band",
+        )
     point = measurement.rcm.least_squares.point_mm
     return intrinsic_error(
         np.stack([pose.centerline.point_mm for pose in used]),
@@ -35,8 +44,13 @@ def own_error(measurement: Measurement) -> IntrinsicError:
 
 
 def with_own_error(measurement: Measurement) -> Measurement:
-    """Return a measurement that states the robot's own error, if its lines have an uncertainty."""
-    if not any(pose.centerline.covariance.any() for pose in measurement.used):
+    """Return a measurement that states the robot's own error, if its lines have an uncertainty.
+
+    With an imported rig it is not stated: what the instrument adds is unknown.
+    """
+    if isinstance(measurement.calibration, ImportedRig) or not any(
+        pose.centerline.covariance.any() for pose in measurement.used
+    ):
         return measurement
     intrinsic = own_error(measurement)
     findings = measurement.findings

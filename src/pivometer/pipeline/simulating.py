@@ -122,7 +122,7 @@ def demo(folder: Path | str, *, progress: Progress | None = None) -> DemoOutcome
         inside_95=lies_within(
             point,
             measured.rcm.least_squares.point_mm,
-            measured.uncertainty.total_mm2,
+            measured.rcm.least_squares.covariance_mm2,
             degrees_of_freedom=measured.uncertainty.degrees_of_freedom,
         ),
     )

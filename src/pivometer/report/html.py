@@ -10,6 +10,7 @@ from importlib.resources import files
 from markupsafe import Markup
 
 from pivometer._arrays import Floats, checked, read_only
+from pivometer.calibration.result import Calibration
 from pivometer.measurement import Measurement, RejectedPose, UsedPose
 from pivometer.report import setup_tables, tables
 from pivometer.report.chart import pose_chart
@@ -153,6 +154,7 @@ def _figures(measurement: Measurement) -> dict[str, object]:
 
 def _tables(measurement: Measurement) -> dict[str, object]:
     numbers = {pose.pose: n for n, pose in _numbered(measurement)}
+    calibration = measurement.calibration
     return {
         "verdict": verdict(measurement),
         "location": tables.location_table(measurement),
@@ -163,8 +165,12 @@ def _tables(measurement: Measurement) -> dict[str, object]:
         "rejected": tables.rejected_table(measurement),
         "cameras": setup_tables.camera_table(measurement),
         "relative_pose": setup_tables.relative_pose_table(measurement),
-        "lengths": setup_tables.length_table(measurement),
-        "views": setup_tables.view_table(measurement),
+        "lengths": (
+            setup_tables.length_table(calibration) if isinstance(calibration, Calibration) else None
+        ),
+        "views": (
+            setup_tables.view_table(calibration) if isinstance(calibration, Calibration) else None
+        ),
         "setup": setup_tables.setup_table(measurement),
         "inputs": tables.input_table(measurement.inputs),
         "anchors": {name: f"pose-{n}" for name, n in numbers.items()},

@@ -8,7 +8,7 @@ from pivometer._arrays import Floats
 from pivometer.calibration.board import Board
 from pivometer.calibration.result import Calibration
 from pivometer.cameras.rig import Rig
-from pivometer.measurement import Measurement
+from pivometer.measurement import ImportedRig, Measurement
 from pivometer.report.digits import error_decimals, fixed, with_uncertainty
 from pivometer.report.tables import Table
 
@@ -21,15 +21,17 @@ _PINHOLE = (
 _LENS = ("k₁ = β₁", "k₂ = β₂", "p₁", "p₂", "k₃", "k₄", "k₅", "k₆")
 
 
-def parameter_rows(calibration: Calibration) -> tuple[tuple[str, ...], ...]:
-    """Return a row for each intrinsic parameter, value ± standard uncertainty of each camera."""
-    quality = {camera.name: camera for camera in calibration.cameras}
+def parameter_rows(calibration: Calibration | ImportedRig) -> tuple[tuple[str, ...], ...]:
+    """Return a row for each intrinsic parameter, value ± standard uncertainty of each camera.
+
+    An imported rig has no uncertainties: its values are given as they are.
+    """
+    known = () if isinstance(calibration, ImportedRig) else calibration.cameras
+    u = {camera.name: camera.parameters_u for camera in known}
     rows = []
     for i, name in enumerate((*_PINHOLE, *(f"distortion {lens}" for lens in _LENS))):
         cells = [
-            with_uncertainty(
-                float(camera.parameters[i]), float(quality[camera.name].parameters_u[i])
-            )
+            _stated(camera.parameters[i], None if camera.name not in u else u[camera.name][i])
             if i < len(camera.parameters)
             else ""
             for camera in calibration.rig.cameras
@@ -39,15 +41,28 @@ def parameter_rows(calibration: Calibration) -> tuple[tuple[str, ...], ...]:
     return tuple(rows)
 
 
+def _stated(value: float, u: float | None) -> str:
+    """Return a value with its standard uncertainty, or as it is where that is unknown."""
+    return f"{float(value):.7g}" if u is None else with_uncertainty(float(value), float(u))
+
+
 def camera_table(measurement: Measurement) -> Table:
     """Tabulate every camera's parameters with their standard uncertainties, and its fit."""
     calibration = measurement.calibration
     rig = calibration.rig
+    size_row = ("image size, px", *(f"{camera.width} × {camera.height}" for camera in rig.cameras))
+    if isinstance(calibration, ImportedRig):
+        return Table(
+            "Cameras, imported; their uncertainty is unknown",
+            ("", *(camera.name for camera in rig.cameras)),
+            (*parameter_rows(calibration), size_row),
+            f"Read from {calibration.file_format} files: {', '.join(calibration.inputs)}.",
+        )
     quality = {camera.name: camera for camera in calibration.cameras}
     known = [quality[camera.name] for camera in rig.cameras]
     rows = [
         *parameter_rows(calibration),
-        ("image size, px", *(f"{camera.width} × {camera.height}" for camera in rig.cameras)),
+        size_row,
         ("reprojection rms, px", *(f"{fit.rms_px:.3f}" for fit in known)),
         ("board views used", *(str(fit.view_count) for fit in known)),
         ("corners used", *(str(fit.corner_count) for fit in known)),
@@ -72,7 +87,9 @@ def relative_pose_table(measurement: Measurement) -> Table:
     """Tabulate where each further camera stands in the reference camera's frame."""
     calibration = measurement.calibration
     rig = calibration.rig
-    spread = np.sqrt(np.maximum(np.diag(calibration.covariance), 0.0))
+    spread = None
+    if isinstance(calibration, Calibration):
+        spread = np.sqrt(np.maximum(np.diag(calibration.covariance), 0.0))
     columns = [_pose_cells(rig, index, spread) for index in range(1, len(rig.cameras))]
     names = (
         "rotation vector x, °",
@@ -86,31 +103,32 @@ def relative_pose_table(measurement: Measurement) -> Table:
     )
     rows = tuple((name, *cells) for name, *cells in zip(names, *columns, strict=True))
     return Table(
-        f"Relative pose (R, t) in the frame of camera “{rig.reference}”, value ± standard "
-        "uncertainty",
+        f"Relative pose (R, t) in the frame of camera “{rig.reference}”"
+        + ("" if spread is None else ", value ± standard uncertainty"),
         ("", *(camera.name for camera in rig.cameras[1:])),
         rows,
     )
 
 
-def _pose_cells(rig: Rig, index: int, spread: Floats) -> list[str]:
+def _pose_cells(rig: Rig, index: int, spread: Floats | None) -> list[str]:
     """Return the cells of one further camera."""
     transform, name = rig.reference_from_camera[index], rig.cameras[index].name
-    at = {key: spread[place] for place, key in enumerate(rig.parameter_names)}
     turn_deg = np.degrees(transform.rotation_vector_rad())
-    turn_u = [np.degrees(at[f"{name}.r{axis}_rad"]) for axis in "xyz"]
-    place_u = [at[f"{name}.t{axis}_mm"] for axis in "xyz"]
+    turn_u: list[float | None] = [None] * 3
+    place_u: list[float | None] = [None] * 3
+    if spread is not None:
+        at = {key: float(spread[place]) for place, key in enumerate(rig.parameter_names)}
+        turn_u = [float(np.degrees(at[f"{name}.r{axis}_rad"])) for axis in "xyz"]
+        place_u = [at[f"{name}.t{axis}_mm"] for axis in "xyz"]
     baseline = float(np.linalg.norm(transform.translation_mm))
     axes_deg = float(np.degrees(np.arccos(np.clip(transform.rotation[2, 2], -1, 1))))
-    values = [*zip(turn_deg, turn_u, strict=True)]
-    values += [*zip(transform.translation_mm, place_u, strict=True)]
-    cells = [with_uncertainty(float(value), float(u)) for value, u in values]
+    values = [*turn_deg, *transform.translation_mm]
+    cells = [_stated(value, u) for value, u in zip(values, turn_u + place_u, strict=True)]
     return [*cells, f"{baseline:.2f}", f"{axes_deg:.2f}"]
 
 
-def length_table(measurement: Measurement) -> Table:
+def length_table(calibration: Calibration) -> Table:
     """Tabulate the errors of the reconstructed board edges."""
-    calibration = measurement.calibration
     routes = (
         ("all pairs (the paper's measure)", calibration.edge_length_error),
         ("held-out pairs", calibration.held_out),
@@ -126,23 +144,22 @@ def length_table(measurement: Measurement) -> Table:
         ),
         "Held-out pairs took no part in the calibration that reconstructs them: theirs is the "
         "figure to trust. The paper's own route is the relative pose by (19)–(20), then the metric "
-        f"upgrade (21); its baseline differs by {_baseline_difference_mm(measurement)} mm.",
+        f"upgrade (21); its baseline differs by {_baseline_difference_mm(calibration)} mm.",
     )
 
 
-def _baseline_difference_mm(measurement: Measurement) -> str:
+def _baseline_difference_mm(calibration: Calibration) -> str:
     """Compare the first baseline of the paper's route with the one used."""
-    calibration = measurement.calibration
     ours, papers = calibration.rig.baselines_mm[0], calibration.paper.rig.baselines_mm[0]
     return fixed(float(papers - ours), 2)
 
 
-def view_table(measurement: Measurement) -> Table:
+def view_table(calibration: Calibration) -> Table:
     """Tabulate the board views that were not used, with the reasons."""
     return Table(
         "Board views not used",
         ("view", "camera", "reason"),
-        tuple((view.view, view.camera, view.reason) for view in measurement.calibration.rejected),
+        tuple((view.view, view.camera, view.reason) for view in calibration.rejected),
     )
 
 

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pivometer.calibration.result import Calibration
 from pivometer.measurement import Measurement, RejectedPose, UsedPose
 from pivometer.report.digits import decimals_of, error_decimals, fixed, small, uncertainty_text
 from pivometer.report.target import deciding_poses
+from pivometer.uncertainty.propagation import LocationUncertainty
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,17 +38,18 @@ def location_table(measurement: Measurement) -> Table:
     """Tabulate both RCM points with the expanded uncertainty of the location and its parts."""
     uncertainty, rcm = measurement.uncertainty, measurement.rcm
     decimals = [decimals_of(float(expanded)) for expanded in uncertainty.expanded_mm]
-    parts_u = [
-        np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        for covariance in (uncertainty.lines_mm2, uncertainty.calibration_mm2)
-    ]
+    lines_u = np.sqrt(np.maximum(np.diag(uncertainty.lines_mm2), 0.0))
+    calibration_u = ["unknown"] * 3
+    if isinstance(uncertainty, LocationUncertainty):
+        variances = np.maximum(np.diag(uncertainty.calibration_mm2), 0.0)
+        calibration_u = [uncertainty_text(u) for u in np.sqrt(variances)]
     rows = [
         (
             axis,
             fixed(rcm.least_squares.point_mm[i], decimals[i]),
             uncertainty_text(uncertainty.expanded_mm[i]),
-            uncertainty_text(parts_u[0][i]),
-            uncertainty_text(parts_u[1][i]),
+            uncertainty_text(lines_u[i]),
+            calibration_u[i],
             fixed(rcm.minimax.point_mm[i], decimals[i]),
         )
         for i, axis in enumerate("xyz")
@@ -65,7 +68,8 @@ def location_table(measurement: Measurement) -> Table:
         "U is the expanded uncertainty of the least-squares point, each axis by itself: "
         f"{100 * uncertainty.coverage:.0f} % coverage, "
         f"{_freedom(uncertainty.degrees_of_freedom)}; u are standard uncertainties, combined as "
-        "the root of the sum of squares. The frame has x to the right, y down and z forward.",
+        "the root of the sum of squares. The frame has x to the right, y down and z forward."
+        + _unknown_part(measurement),
     )
 
 
@@ -135,21 +139,46 @@ def miss_table(measurement: Measurement) -> Table:
         f"The two points are {fixed(rcm.separation_mm, decimals)} mm apart. The minimax value is "
         f"proved least to a relative gap of {small(minimax.certificate_gap)}. The directions of "
         f"the {len(measurement.used)} poses fill a cone of {rcm.cone_deg:.0f}° apex angle. Misses "
-        "are as observed: they hold the instrument's own error too. Of that, the calibration adds "
-        "a standard uncertainty of "
-        f"{uncertainty_text(measurement.uncertainty.max_calibration_u_mm)} mm to the max and "
-        f"{uncertainty_text(measurement.uncertainty.rms_calibration_u_mm)} mm to the rms from the "
-        "least-squares point.",
+        "are as observed: they hold the instrument's own error too."
+        + _calibration_share(measurement),
+    )
+
+
+def _calibration_share(measurement: Measurement) -> str:
+    """Say what the calibration adds to the misses."""
+    uncertainty = measurement.uncertainty
+    if not isinstance(uncertainty, LocationUncertainty):
+        return " What the calibration adds is unknown: the rig was imported."
+    return (
+        " Of that, the calibration adds a standard uncertainty of "
+        f"{uncertainty_text(uncertainty.max_calibration_u_mm)} mm to the max and "
+        f"{uncertainty_text(uncertainty.rms_calibration_u_mm)} mm to the rms from the "
+        "least-squares point."
+    )
+
+
+def _unknown_part(measurement: Measurement) -> str:
+    """Say so where U lacks the calibration's part."""
+    if isinstance(measurement.uncertainty, LocationUncertainty):
+        return ""
+    return (
+        " The rig was imported without its uncertainty: U holds the scatter of the centerlines "
+        "only and is too small by an unknown amount."
     )
 
 
 def paper_table(measurement: Measurement) -> Table:
     """Tabulate the result in the form of the paper's Table I, the paper's own figures beside it."""
-    rcm, lengths = measurement.rcm, measurement.calibration.edge_length_error
-    decimals = error_decimals([lengths.rms_mm, rcm.minimax.rms_mm, rcm.least_squares.rms_mm])
+    rcm, calibration = measurement.rcm, measurement.calibration
+    lengths = calibration.edge_length_error if isinstance(calibration, Calibration) else None
+    known = [] if lengths is None else [lengths.rms_mm]
+    decimals = error_decimals([*known, rcm.minimax.rms_mm, rcm.least_squares.rms_mm])
 
-    def row(name: str, ours: tuple[float, float, float], paper: tuple[str, ...]) -> tuple[str, ...]:
-        return (name, *(fixed(value, decimals) for value in ours), *paper)
+    def row(
+        name: str, ours: tuple[float | None, float, float], paper: tuple[str, ...]
+    ) -> tuple[str, ...]:
+        cells = ("unknown" if value is None else fixed(value, decimals) for value in ours)
+        return (name, *cells, *paper)
 
     return Table(
         "RCM evaluation results in the form of the paper's Table I, mm",
@@ -165,12 +194,12 @@ def paper_table(measurement: Measurement) -> Table:
         (
             row(
                 "error (max)",
-                (lengths.max_mm, rcm.minimax.max_mm, rcm.least_squares.max_mm),
+                (lengths.max_mm if lengths else None, rcm.minimax.max_mm, rcm.least_squares.max_mm),
                 ("0.253", "0.391", "7.086"),
             ),
             row(
                 "error (rms)",
-                (lengths.rms_mm, rcm.minimax.rms_mm, rcm.least_squares.rms_mm),
+                (lengths.rms_mm if lengths else None, rcm.minimax.rms_mm, rcm.least_squares.rms_mm),
                 ("0.130", "0.145", "3.010"),
             ),
         ),

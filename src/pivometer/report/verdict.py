@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pivometer._arrays import Floats
 from pivometer.measurement import Measurement
 from pivometer.report.digits import error_decimals, fixed, with_uncertainty
+from pivometer.uncertainty.propagation import LinesUncertainty, LocationUncertainty
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,12 +79,23 @@ def _location(measurement: Measurement) -> str:
         return (
             f"The RCM lies at {point} mm in {camera} "
             f"({_coverage(uncertainty.coverage, uncertainty.coverage_factor)})."
+            f"{_unknown_part(uncertainty)}"
         )
     inside = _place(frame.least_squares_point_mm, frame.uncertainty.expanded_mm)
     return (
         f"The RCM lies at {inside} mm in the frame of the reference board "
         f"({_coverage(frame.uncertainty.coverage, frame.uncertainty.coverage_factor)}), "
         f"and at {point} mm in {camera} (k = {uncertainty.coverage_factor:.2f})."
+    )
+
+
+def _unknown_part(uncertainty: LocationUncertainty | LinesUncertainty) -> str:
+    """Say so where the stated uncertainty lacks the calibration's part."""
+    if isinstance(uncertainty, LocationUncertainty):
+        return ""
+    return (
+        " That uncertainty is the scatter of the centerlines only: what the imported calibration "
+        "adds is unknown."
     )
 
 

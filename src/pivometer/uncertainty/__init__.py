@@ -10,15 +10,18 @@ from pivometer.uncertainty.coverage import (
 from pivometer.uncertainty.decision import Decision, guarded_decision, variance_ratio_limit
 from pivometer.uncertainty.intrinsic import IntrinsicError, content, intrinsic_error
 from pivometer.uncertainty.propagation import (
+    LinesUncertainty,
     LocationUncertainty,
     calibration_displacements,
     jacobian_by_differences,
+    lines_uncertainty,
     location_uncertainty,
 )
 
 __all__ = [
     "Decision",
     "IntrinsicError",
+    "LinesUncertainty",
     "LocationUncertainty",
     "calibration_displacements",
     "confidence_radius",
@@ -29,6 +32,7 @@ __all__ = [
     "intrinsic_error",
     "jacobian_by_differences",
     "lies_within",
+    "lines_uncertainty",
     "location_uncertainty",
     "mahalanobis",
     "variance_ratio_limit",

@@ -81,6 +81,61 @@ class LocationUncertainty:
             object.__setattr__(self, name, read_only(checked(getattr(self, name), shape, name)))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LinesUncertainty:
+    """What is known of the RCM's location where nothing is known of the calibration's quality.
+
+    The figures hold the scatter of the lines only, so they are too small by an unknown amount.
+
+    Parameters
+    ----------
+    lines_mm2
+        Covariance from the scatter of the lines, s² N⁻¹, shape (3, 3), mm².
+    degrees_of_freedom
+        Its degrees of freedom.
+    coverage
+        Coverage probability of `expanded_mm` if the calibration were perfect.
+    coverage_factor
+        k of that coverage, from Student's t distribution.
+    expanded_mm
+        k times the standard uncertainty from the lines along x, y and z, shape (3,), mm.
+    status
+        ``"calibration unknown"``.
+    """
+
+    lines_mm2: Floats
+    degrees_of_freedom: float
+    coverage: float
+    coverage_factor: float
+    expanded_mm: Floats
+    status: str = "calibration unknown"
+
+    def __post_init__(self) -> None:
+        for name, shape in (("lines_mm2", (3, 3)), ("expanded_mm", (3,))):
+            object.__setattr__(self, name, read_only(checked(getattr(self, name), shape, name)))
+
+
+def lines_uncertainty(rcm: LeastSquaresRcm, *, coverage: float = COVERAGE) -> LinesUncertainty:
+    """Return the part of the location's uncertainty that the scatter of the lines shows.
+
+    Parameters
+    ----------
+    rcm
+        The least-squares point, with its scatter covariance.
+    coverage
+        Coverage probability of the expanded uncertainty.
+    """
+    degrees = float(2 * len(rcm.distances_mm) - 3)
+    factor = coverage_factor(degrees, coverage=coverage)
+    return LinesUncertainty(
+        lines_mm2=rcm.covariance_mm2,
+        degrees_of_freedom=degrees,
+        coverage=coverage,
+        coverage_factor=factor,
+        expanded_mm=factor * np.sqrt(rcm.covariance_mm2.diagonal()),
+    )
+
+
 class EdgePoints(Protocol):
     """What is needed of `ShaftEdges`: the camera's name and points on both edges, raw px."""
 
