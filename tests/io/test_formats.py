@@ -326,6 +326,9 @@ def test_colmap_states_no_unit_and_moving_cameras_are_no_rig(tmp_path):
         read_any_rig(tmp_path / "model")
     found = read_any_rig(tmp_path / "model", unit_mm=10.0)
     assert found.rig.baselines_mm[0] == pytest.approx(10 * rig().baselines_mm[0])
+    images.write_text(text.replace("\n\n", "\n512 100 3 4 5 6 7 8 9 10 11 12\n"))  # points seen
+    again = read_any_rig(tmp_path / "model", unit_mm=10.0)
+    assert [camera.name for camera in again.rig.cameras] == ["z-left", "right"]
     images.write_text(text + "3 1 0 0 0 1 2 3 1 z-left/other.png\n\n")
     with pytest.raises(UsageError, match="moving camera"):
         read_any_rig(tmp_path / "model", unit_mm=10.0)

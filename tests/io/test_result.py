@@ -251,3 +251,15 @@ def test_names_of_later_versions_are_passed_over(measurement: Measurement, tmp_p
 def test_json_text_is_json() -> None:
     content = {"a": [], "b": [{"c": [1, [2.5]]}, {}], "é": None, "d": {}, "e": "\n"}
     assert json.loads(json_text(content)) == content
+
+
+def test_a_rig_of_the_time_when_distortion_was_called_beta_can_be_read(
+    measurement: Measurement, tmp_path: Path
+) -> None:
+    text = rig_text(measurement.calibration, software="pivometer 0")
+    path = tmp_path / "rig.json"
+    path.write_text(text.replace('"distortion"', '"beta"'), encoding="utf-8")
+    cameras = read_rig(path).rig.cameras
+    np.testing.assert_array_equal(
+        cameras[1].distortion, measurement.calibration.rig.cameras[1].distortion
+    )

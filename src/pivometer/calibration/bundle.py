@@ -1,8 +1,9 @@
 """Bundle adjustment of cameras and board poses over all board views.
 
 Minimises the squared distance in the image, px, between the corners found and the corners of the
-known board projected by (4), (17) and (18) or a wider distortion model, over the intrinsics of every camera, the pose of every
-further camera in the reference camera's frame, and the pose of the board in every view.
+known board projected by (4), (17) and (18) or a wider distortion model, over the intrinsics of
+every camera, the pose of every further camera in the reference camera's frame, and the pose of the
+board in every view.
 """
 
 from __future__ import annotations

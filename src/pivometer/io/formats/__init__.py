@@ -32,7 +32,8 @@ FORMATS: dict[str, ModuleType] = {
 FOLDERS = ("ros", "colmap", "mrcal")
 """Formats of several files: they are read from a folder, and written into one."""
 _DAMAGE = (
-    ArithmeticError, AttributeError, LookupError, MemoryError, TypeError, ValueError, cv2.error,
+    ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError,
+    ValueError, cv2.error,
 )  # fmt: skip
 """What parsers and arithmetic raise over content that is not what the format promises."""
 MOST_BYTES = 100_000_000

@@ -33,7 +33,7 @@ _PARAMETERS = {
     "OPENCV": "fx fy cx cy k1 k2 p1 p2",
     "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
 }
-_CAMERA = re.compile(r"^\s*\d+ [A-Z_0-9]+ \d+ \d+( [-+.\deE]+){3,}\s*$", re.MULTILINE)
+_CAMERA = re.compile(r"^\s*\d+ [A-Z][A-Z_0-9]* \d+ \d+( [-+.\deE]+){3,}\s*$", re.MULTILINE)
 _IMAGE = re.compile(r"^\s*\d+( [-+.\deE]+){7} \d+ \S.*$", re.MULTILINE)
 _UNIT = re.compile(r"^#\s*unit:\s*(\w+)", re.MULTILINE)
 _SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
@@ -47,9 +47,10 @@ def recognise(content: bytes) -> bool:
 
 def read(files: Mapping[str, bytes], told: Told) -> Rig:
     """Read a rig from both files."""
-    text = "\n".join(content.decode("utf-8", errors="replace") for content in files.values())
+    texts = [content.decode("utf-8", errors="replace") for content in files.values()]
+    text = "\n".join(texts)
     lenses = {line.split()[0]: line.split()[1:] for line in _matches(_CAMERA, text)}
-    images = [line.split() for line in _matches(_IMAGE, text)]
+    images = [line for each in texts if not _CAMERA.search(each) for line in _images(each)]
     if not lenses or not images:
         raise unreadable(
             f"describes {len(lenses)} cameras and the poses of {len(images)} images",
@@ -73,6 +74,13 @@ def read(files: Mapping[str, bytes], told: Told) -> Rig:
 
 def _matches(pattern: re.Pattern[str], text: str) -> list[str]:
     return [match.group(0).strip() for match in pattern.finditer(text)]
+
+
+def _images(text: str) -> list[list[str]]:
+    """Return the fields of every image; the line after each holds its points, or nothing."""
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    first = next((i for i, line in enumerate(lines) if line.strip()), len(lines))
+    return [line.split() for line in lines[first::2] if line.strip()]
 
 
 def _camera_name(image: str) -> str:
