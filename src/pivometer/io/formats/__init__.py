@@ -10,8 +10,6 @@ import hashlib
 from pathlib import Path
 from types import ModuleType
 
-import cv2
-
 from pivometer.calibration import Calibration
 from pivometer.cameras import Rig
 from pivometer.errors import UsageError
@@ -33,7 +31,7 @@ FOLDERS = ("ros", "colmap", "mrcal")
 """Formats of several files: they are read from a folder, and written into one."""
 _DAMAGE = (
     ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError,
-    ValueError, cv2.error,
+    ValueError,
 )  # fmt: skip
 """What parsers and arithmetic raise over content that is not what the format promises."""
 MOST_BYTES = 100_000_000

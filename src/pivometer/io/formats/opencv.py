@@ -8,12 +8,16 @@ the cameras' names, under names that OpenCV passes over.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import cv2
 import numpy as np
+import yaml
 
+from pivometer._arrays import Floats
 from pivometer.cameras import Rig
 from pivometer.geometry.rigid import RigidTransform
 from pivometer.io.formats.conventions import (
@@ -53,7 +57,7 @@ def read(files: Mapping[str, bytes], told: Told) -> Rig:
     matrix, lens = found[0]
     cameras = [
         camera_from(
-            nodes.get(f"name{i}", ("left", "right")[i - 1]),
+            str(nodes.get(f"name{i}", ("left", "right")[i - 1])),
             size_in_px(_size(nodes, i), told),
             nodes[f"{matrix}{i}"],
             nodes.get(f"{lens}{i}", np.zeros(0)),
@@ -65,29 +69,54 @@ def read(files: Mapping[str, bytes], told: Told) -> Rig:
     return rig_from(cameras, [RigidTransform.identity(), right_from_left])
 
 
+# --- Reading, without OpenCV: its parser ends the whole program on some damaged files ---
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML as OpenCV writes it, with its own tag for matrices."""
+
+
+_Loader.add_constructor(  # type: ignore[no-untyped-call]
+    "tag:yaml.org,2002:opencv-matrix",
+    lambda loader, node: _matrix(loader.construct_mapping(node, deep=True)),
+)
+
+
 def _nodes(content: bytes) -> dict[str, Any]:
     """Return matrices, numbers and strings by name."""
+    text = content.decode("utf-8").lstrip()
     try:
-        flags = cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY
-        storage = cv2.FileStorage(content.decode("utf-8"), flags)
-        names = storage.root().keys()
-    except (cv2.error, UnicodeDecodeError, SystemError) as error:
-        raise unreadable(f"is a damaged FileStorage ({type(error).__name__})") from error
-    return {name: _value(storage.getNode(name)) for name in names}
+        if text.startswith("{"):
+            return {name: _plain(value) for name, value in json.loads(text).items()}
+        if text.startswith("%YAML"):
+            return dict(yaml.load(text.partition("\n")[2], Loader=_Loader))  # noqa: S506 - a safe one
+        return {node.tag: _element(node) for node in ET.fromstring(text)}  # noqa: S314
+    except (yaml.YAMLError, ET.ParseError, KeyError) as error:
+        raise unreadable(f"is a damaged FileStorage: {error}") from error
 
 
-def _value(node: cv2.FileNode) -> Any:
-    if node.isString():
-        return node.string()
-    if node.isInt() or node.isReal():
-        return node.real()
-    return node.mat() if node.isMap() else None
+def _matrix(fields: Mapping[str, Any]) -> Floats:
+    """Return a matrix from its ``rows``, ``cols`` and ``data``."""
+    numbers = [float(number) for number in fields["data"]]
+    return np.array(numbers).reshape(int(fields["rows"]), int(fields["cols"]))
+
+
+def _plain(value: Any) -> Any:
+    return _matrix(value) if isinstance(value, dict) and "data" in value else value
+
+
+def _element(node: ET.Element) -> Any:
+    fields = {child.tag: (child.text or "") for child in node}
+    if "data" in fields:
+        return _matrix({**fields, "data": fields["data"].split()})
+    text = (node.text or "").strip()
+    return text.strip('"')
 
 
 def _size(nodes: Mapping[str, Any], number: int) -> tuple[float, float] | None:
     for suffix in (str(number), ""):
         if f"image_width{suffix}" in nodes and f"image_height{suffix}" in nodes:
-            return nodes[f"image_width{suffix}"], nodes[f"image_height{suffix}"]
+            return float(nodes[f"image_width{suffix}"]), float(nodes[f"image_height{suffix}"])
     return None
 
 
