@@ -11,7 +11,7 @@ import pivometer
 from pivometer import pipeline
 from pivometer.cameras import Rig
 from pivometer.cli import main
-from pivometer.errors import UsageError
+from pivometer.errors import DataError, UsageError
 from pivometer.io.formats import read_any_rig, write_rig
 from pivometer.io.result import read_result, read_rig
 from pivometer.io.schema import schema
@@ -82,6 +82,7 @@ def test_the_command_line_measures_with_it_and_every_file_says_so(session, chain
     report = (out / "report.html").read_text()
     assert "their uncertainty is unknown" in report
     assert "too small by an unknown amount" in report
+    assert "± U, centerlines only" in report
     again = read_result(out / "result.json")
     assert isinstance(again.calibration, ImportedRig)
     rig = read_rig(out / "rig.json")
@@ -110,6 +111,15 @@ def test_cameras_of_other_names_are_refused(session, calibration):
     )
     with pytest.raises(UsageError, match="cam0, cam1"):
         pivometer.measure(pivometer.load(session), rig=ImportedRig(other, "kalibr", {}))
+
+
+def test_the_robots_own_error_is_not_stated_and_not_checked_without_a_guard_band(imported):
+    assert imported.intrinsic is None
+    with pytest.raises(DataError, match="imported without its uncertainty"):
+        pipeline.check(imported, limit_mm=1.0)
+    outcome = pipeline.check(imported, limit_mm=1.0, guard_mm=0.1)
+    statuses = {condition.name: condition.status for condition in outcome.validity}
+    assert statuses["calibration"] == "not checked"
 
 
 def test_export_converts_between_formats(calibration, chain, tmp_path, capsys):

@@ -39,8 +39,9 @@ def location_table(measurement: Measurement) -> Table:
     uncertainty, rcm = measurement.uncertainty, measurement.rcm
     decimals = [decimals_of(float(expanded)) for expanded in uncertainty.expanded_mm]
     lines_u = np.sqrt(np.maximum(np.diag(uncertainty.lines_mm2), 0.0))
-    calibration_u = ["unknown"] * 3
+    calibration_u, known = ["unknown"] * 3, False
     if isinstance(uncertainty, LocationUncertainty):
+        known = True
         variances = np.maximum(np.diag(uncertainty.calibration_mm2), 0.0)
         calibration_u = [uncertainty_text(u) for u in np.sqrt(variances)]
     rows = [
@@ -59,7 +60,8 @@ def location_table(measurement: Measurement) -> Table:
         (
             "axis",
             "least squares",
-            f"± U (k = {uncertainty.coverage_factor:.2f})",
+            ("± U" if known else "± U, centerlines only")
+            + f" (k = {uncertainty.coverage_factor:.2f})",
             "u from the centerlines",
             "u from the calibration",
             "minimax",
