@@ -23,6 +23,7 @@ COMMANDS = (
     "export",
     "target",
     "solve",
+    "pivot",
     "check",
     "schema",
 )

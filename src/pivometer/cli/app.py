@@ -388,6 +388,32 @@ def solve(
 
 @app.command(
     help_prologue="""\
+Example:  pivometer pivot poses.csv
+          where a tracked instrument pivots, and where its tip is.
+"""
+)
+def pivot(
+    poses: Annotated[Path, Parameter(name="POSES.csv")], /, *, output: Path | None = None
+) -> None:
+    """Calibrate the pivot of an instrument from tracked poses.
+
+    Parameters
+    ----------
+    poses
+        One 4×4 matrix a row, in mm and in the order of time: 16 numbers, or columns t00 to t23.
+    output
+        Folder to write pivot.json into; nothing is written where none is given.
+    """
+    from pivometer import pipeline
+    from pivometer.cli.show import show_pivot
+
+    solved = pipeline.solve_poses(poses)
+    path = None if output is None else pipeline.write_pivot(solved, output)
+    show_pivot(solved, path)
+
+
+@app.command(
+    help_prologue="""\
 Example:  pivometer check my-session --limit 0.5
           pivometer check results/result.json --limit 0.5 --junit check.xml
 Exit codes: 0 pass, 1 over the limit, 2 wrong usage or configuration, 3 data

@@ -25,7 +25,7 @@ from pivometer.report.tables import (
 from pivometer.report.verdict import verdict
 
 if TYPE_CHECKING:
-    from pivometer.pipeline import CheckOutcome, DemoOutcome, SolvedLines
+    from pivometer.pipeline import CheckOutcome, DemoOutcome, SolvedLines, SolvedPoses
 
 
 def say(*lines: str) -> None:
@@ -139,6 +139,31 @@ def show_solution(solved: "SolvedLines", path: Path | None) -> None:
         say(f"{finding.severity}: {finding.text}; next: {finding.next_step}")
     if path is not None:
         say(f"rcm.json: {path}")
+
+
+def show_pivot(solved: "SolvedPoses", path: Path | None) -> None:
+    """Print the pivot and the tip with their uncertainty, and the findings."""
+    pivot = solved.pivot
+    u = np.sqrt(pivot.covariance_mm2.diagonal())
+    rows = tuple(
+        (
+            axis,
+            with_uncertainty(float(pivot.pivot_mm[i]), float(u[i])),
+            with_uncertainty(float(pivot.tip_mm[i]), float(u[3 + i])),
+        )
+        for i, axis in enumerate("xyz")
+    )
+    columns = ("", "pivot, tracker's frame", "tip, instrument's frame")
+    show_table(Table("Pivot calibration, mm (± standard uncertainty)", columns, rows))
+    decimals = error_decimals([pivot.max_mm, pivot.rms_mm])
+    say(
+        f"Over {len(pivot.misses_mm)} poses of {solved.poses.source} the tip misses the pivot by "
+        f"at most {fixed(pivot.max_mm, decimals)} mm ({fixed(pivot.rms_mm, decimals)} mm rms)."
+    )
+    for finding in solved.findings:
+        say(f"{finding.severity}: {finding.text}; next: {finding.next_step}")
+    if path is not None:
+        say(f"pivot.json: {path}")
 
 
 def _points_table(solved: "SolvedLines") -> Table:

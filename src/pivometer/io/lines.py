@@ -1,15 +1,14 @@
 """Lines in space from a CSV file: ``centerlines.csv``, or one that somebody else wrote."""
 
-import csv
 import hashlib
-import io
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from pivometer._arrays import Floats, checked, read_only
 from pivometer.errors import UsageError
+from pivometer.io.rows import decoded, file_bytes, finite_or_nan, numbered_rows
 
 _POINT = tuple((f"point_{axis}", f"p{axis}", axis) for axis in "xyz")
 _DIRECTION = tuple((f"direction_{axis}", f"d{axis}", f"dir_{axis}") for axis in "xyz")
@@ -62,8 +61,8 @@ def read_lines(path: Path | str) -> Lines:
         If the file cannot be read or something in it is no line; the message gives the line number.
     """
     file = Path(path)
-    content = _content(file)
-    rows = list(_rows(_text(content, file)))
+    content = file_bytes(file)
+    rows = list(numbered_rows(decoded(content, file)))
     if not rows:
         raise UsageError("holds no lines", next_step=_COLUMNS_HELP, path=file)
     heading = None if _is_numeric(rows[0][1]) else rows.pop(0)
@@ -80,48 +79,9 @@ def read_lines(path: Path | str) -> Lines:
     )
 
 
-def _content(file: Path) -> bytes:
-    try:
-        return file.read_bytes()
-    except OSError as error:
-        raise UsageError(
-            f"cannot be read: {error.strerror}", next_step="check the path", path=file
-        ) from error
-
-
-def _text(content: bytes, file: Path) -> str:
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise UsageError(
-            f"line {line}: is not UTF-8 text", next_step="save it as CSV in UTF-8", path=file
-        ) from error
-
-
-def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows that hold something, with their line numbers."""
-    first = next((line for line in text.splitlines() if line.strip()[:1] not in ("", "#")), "")
-    separator = max(",;\t", key=first.count)
-    reader = csv.reader(io.StringIO(text), delimiter=separator)
-    for row in reader:
-        cells = [cell.strip() for cell in row]
-        if any(cells) and not cells[0].startswith("#"):
-            yield reader.line_num, cells
-
-
-def _number(cell: str) -> float:
-    """Return a finite number, or NaN for whatever else a cell holds."""
-    try:
-        value = float(cell)
-    except ValueError:
-        return math.nan
-    return value if math.isfinite(value) else math.nan
-
-
 def _is_numeric(row: Sequence[str]) -> bool:
     """Tell a row of numbers from a heading: a heading holds no number at all."""
-    return any(not math.isnan(_number(cell)) for cell in row)
+    return any(not math.isnan(finite_or_nan(cell)) for cell in row)
 
 
 def _columns(
@@ -160,7 +120,7 @@ def _numbers(number: int, row: Sequence[str], columns: Sequence[int], file: Path
             next_step="complete the line or remove it",
             path=file,
         )
-    values = [_number(row[column]) for column in columns]
+    values = [finite_or_nan(row[column]) for column in columns]
     for value, column in zip(values, columns, strict=True):
         if math.isnan(value):
             raise UsageError(

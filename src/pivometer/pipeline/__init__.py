@@ -6,7 +6,14 @@ from pivometer.pipeline.checking import CheckOutcome, Condition, check
 from pivometer.pipeline.junit import write_junit
 from pivometer.pipeline.measuring import measure
 from pivometer.pipeline.simulating import DemoOutcome, demo, simulate, true_rcm
-from pivometer.pipeline.solving import SolvedLines, solve_lines, write_solution
+from pivometer.pipeline.solving import (
+    SolvedLines,
+    SolvedPoses,
+    solve_lines,
+    solve_poses,
+    write_pivot,
+    write_solution,
+)
 from pivometer.pipeline.writing import write_calibration, write_measurement, write_target
 
 __all__ = [
@@ -14,6 +21,7 @@ __all__ = [
     "Condition",
     "DemoOutcome",
     "SolvedLines",
+    "SolvedPoses",
     "calibrate",
     "check",
     "demo",
@@ -21,10 +29,12 @@ __all__ = [
     "measure",
     "simulate",
     "solve_lines",
+    "solve_poses",
     "true_rcm",
     "write_calibration",
     "write_junit",
     "write_measurement",
+    "write_pivot",
     "write_solution",
     "write_target",
 ]

@@ -14,7 +14,7 @@ from pivometer.calibration.drift import Drift, drift
 from pivometer.cameras import Rig
 from pivometer.errors import CalibrationError, DataError, DegenerateGeometryError
 from pivometer.io.session import Session
-from pivometer.measurement import Measurement
+from pivometer.measurement import ImportedRig, Measurement
 from pivometer.pipeline.calibrating import corners
 from pivometer.pipeline.reading import Progress, hashes, in_threads, read
 from pivometer.rcm import Finding
@@ -205,6 +205,13 @@ def with_checks(
 def drift_finding(views: Sequence[BoardView], measurement: Measurement) -> Finding | None:
     """Say whether a camera moved before the closing views, and what that means at the RCM."""
     calibration = measurement.calibration
+    if isinstance(calibration, ImportedRig):
+        return Finding(
+            "warning",
+            "whether a camera moved before the closing images cannot be judged: nothing is known of "
+            "how good the imported rig was",
+            "calibrate from board images of this session",
+        )
     names = ", ".join(dict.fromkeys(view.view for view in views))
     seen = _drift(views, calibration, measurement.rcm.least_squares.point_mm)
     if seen is None:

@@ -1,4 +1,4 @@
-"""From lines that somebody else measured to the RCM."""
+"""From lines or poses that somebody else measured to the RCM."""
 
 from __future__ import annotations
 
@@ -10,19 +10,24 @@ from pivometer.errors import DegenerateGeometryError
 from pivometer.io.atomic import write_files
 from pivometer.io.codec import json_text, jsonable
 from pivometer.io.lines import Lines, read_lines
+from pivometer.io.poses import TrackedPoses, read_poses
 from pivometer.rcm import (
     Finding,
     LeastDistanceRcm,
+    PivotCalibration,
     RcmSolution,
     TrimmedRcm,
+    calibrate_pivot,
     geometry_findings,
     least_distance_rcm,
     outlier_findings,
+    pivot_findings,
     solve,
     trimmed_rcm,
 )
 
 RCM_SCHEMA = "pivometer/rcm/1"
+PIVOT_SCHEMA = "pivometer/pivot/1"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,3 +95,49 @@ def write_solution(solved: SolvedLines, folder: Path | str) -> Path:
         "findings": jsonable(solved.findings),
     }
     return write_files(folder, {"rcm.json": json_text(content) + "\n"})["rcm.json"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SolvedPoses:
+    """Where a tracked instrument pivots.
+
+    Parameters
+    ----------
+    poses
+        The poses.
+    pivot
+        The pivot, the tip, and their covariance.
+    findings
+        What weakens the answer, in plain words.
+    """
+
+    poses: TrackedPoses
+    pivot: PivotCalibration
+    findings: tuple[Finding, ...]
+
+
+def solve_poses(path: Path | str) -> SolvedPoses:
+    """Calibrate the pivot of the tracked poses in a CSV file: see `read_poses` for its columns.
+
+    Raises
+    ------
+    UsageError
+        If the file is not what it should be; the message gives the line number.
+    DegenerateGeometryError
+        If the poses cannot support an answer.
+    """
+    poses = read_poses(path)
+    pivot = calibrate_pivot(poses.rotations, poses.translations_mm)
+    return SolvedPoses(poses, pivot, pivot_findings(pivot))
+
+
+def write_pivot(solved: SolvedPoses, folder: Path | str) -> Path:
+    """Write ``pivot.json`` into a folder, whole or not at all, and return its path."""
+    content = {
+        "schema": PIVOT_SCHEMA,
+        "software": SOFTWARE,
+        "inputs": {solved.poses.source: solved.poses.sha256},
+        "pivot": jsonable(solved.pivot),
+        "findings": jsonable(solved.findings),
+    }
+    return write_files(folder, {"pivot.json": json_text(content) + "\n"})["pivot.json"]

@@ -4,6 +4,7 @@ from pivometer.rcm.cone import cone_deg
 from pivometer.rcm.geometry_check import geometry_findings
 from pivometer.rcm.least_squares import least_squares_rcm
 from pivometer.rcm.minimax import minimax_rcm
+from pivometer.rcm.pivot import PivotCalibration, calibrate_pivot, pivot_findings
 from pivometer.rcm.result import Finding, LeastSquaresRcm, MinimaxRcm, RcmSolution
 from pivometer.rcm.robust import (
     LeastDistanceRcm,
@@ -19,14 +20,17 @@ __all__ = [
     "LeastDistanceRcm",
     "LeastSquaresRcm",
     "MinimaxRcm",
+    "PivotCalibration",
     "RcmSolution",
     "TrimmedRcm",
+    "calibrate_pivot",
     "cone_deg",
     "geometry_findings",
     "least_distance_rcm",
     "least_squares_rcm",
     "minimax_rcm",
     "outlier_findings",
+    "pivot_findings",
     "solve",
     "trimmed_rcm",
 ]

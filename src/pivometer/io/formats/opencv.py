@@ -76,10 +76,11 @@ class _Loader(yaml.SafeLoader):
     """YAML as OpenCV writes it, with its own tag for matrices."""
 
 
-_Loader.add_constructor(  # type: ignore[no-untyped-call]
-    "tag:yaml.org,2002:opencv-matrix",
-    lambda loader, node: _matrix(loader.construct_mapping(node, deep=True)),
-)
+def _matrix_node(loader: _Loader, node: yaml.MappingNode) -> Floats:
+    return _matrix({str(k): v for k, v in loader.construct_mapping(node, deep=True).items()})
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix_node)
 
 
 def _nodes(content: bytes) -> dict[str, Any]:
