@@ -208,8 +208,8 @@ def drift_finding(views: Sequence[BoardView], measurement: Measurement) -> Findi
     if isinstance(calibration, ImportedRig):
         return Finding(
             "warning",
-            "whether a camera moved before the closing images cannot be judged: nothing is known of "
-            "how good the imported rig was",
+            "whether a camera moved before the closing images cannot be judged: nothing says how "
+            "good the imported rig was",
             "calibrate from board images of this session",
         )
     names = ", ".join(dict.fromkeys(view.view for view in views))
