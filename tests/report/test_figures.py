@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pivometer.report.chart import pose_chart
+from pivometer.report.coverage import coverage_pictures
 from pivometer.report.overlays import pose_pictures
 from pivometer.report.scene import HEIGHT, scene, scene_picture
 from pivometer.report.target import (
@@ -177,3 +178,12 @@ def test_scale_bar_has_the_length_it_says(measurement, zoom):
     bar = re.search(r'd="M0,-5V0H([\d.]+)V-5"></path><text x="0" y="16">([\d.]+) mm', drawn)
     assert float(bar[1]) == pytest.approx(float(bar[2]) * shown.scale * zoom, abs=0.06)
     assert 55 < float(bar[1]) <= 151
+
+
+def test_coverage_pictures_show_the_corners_of_every_camera(measurement):
+    drawn = coverage_pictures(measurement.calibration)
+    assert len(drawn) == len(measurement.calibration.rig.cameras)
+    for (svg, caption), camera in zip(drawn, measurement.calibration.rig.cameras, strict=True):
+        assert svg.startswith("<svg")
+        assert "board corners in the image" in svg
+        assert f"Camera {camera.name}: all " in caption

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from pivometer._arrays import Floats
 from pivometer.calibration import Board, Calibration
+from pivometer.calibration.advice import advice
 from pivometer.measurement import Measurement
 from pivometer.report.digits import error_decimals, fixed, with_uncertainty
 from pivometer.report.setup_tables import parameter_rows
@@ -80,6 +81,8 @@ def show_calibration(calibration: Calibration, path: Path, *, ignored: Sequence[
     if calibration.rejected:
         rows = tuple((view.camera, view.view, view.reason) for view in calibration.rejected)
         show_table(Table("Rejected board views", ("camera", "view", "reason"), rows))
+    told = advice(calibration)
+    say(told.verdict, f"What matters most is {told.cause}.", f"next: {told.next_step}", "")
     say(*(f"note: {note}" for note in calibration.notes))
     _say_ignored(ignored)
     say(f"rig: {path}")

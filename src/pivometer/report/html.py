@@ -10,10 +10,12 @@ from importlib.resources import files
 from markupsafe import Markup
 
 from pivometer._arrays import Floats, checked, read_only
+from pivometer.calibration.advice import advice
 from pivometer.calibration.result import Calibration
 from pivometer.measurement import Measurement, RejectedPose, UsedPose
 from pivometer.report import setup_tables, tables
 from pivometer.report.chart import pose_chart
+from pivometer.report.coverage import coverage_pictures
 from pivometer.report.digits import error_decimals, fixed
 from pivometer.report.overlays import PosePicture, pose_pictures
 from pivometer.report.scene import scene, scene_picture
@@ -143,6 +145,9 @@ def _figures(measurement: Measurement) -> dict[str, object]:
     numbers = [n for n, pose in _numbered(measurement) if isinstance(pose, UsedPose)]
     shown = scene(measurement, numbers)
     return {
+        "coverage": coverage_pictures(measurement.calibration)
+        if isinstance(measurement.calibration, Calibration)
+        else [],
         "target": target_plot(measurement, numbers),
         "view": mean_shaft_view(measurement),
         "chart": pose_chart(measurement),
@@ -157,6 +162,9 @@ def _tables(measurement: Measurement) -> dict[str, object]:
     calibration = measurement.calibration
     return {
         "verdict": verdict(measurement),
+        "advice": advice(calibration, at_mm=measurement.rcm.least_squares.point_mm)
+        if isinstance(calibration, Calibration)
+        else None,
         "location": tables.location_table(measurement),
         "board_location": tables.board_location_table(measurement),
         "misses": tables.miss_table(measurement),
