@@ -417,7 +417,7 @@ def rows_of_rendered() -> list[Row]:
         inside = lies_within(
             truth,
             squares.point_mm,
-            measured.uncertainty.total_mm2,
+            squares.covariance_mm2,
             degrees_of_freedom=measured.uncertainty.degrees_of_freedom,
         )
         where = "inside" if inside else "outside"
