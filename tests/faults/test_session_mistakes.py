@@ -1,5 +1,6 @@
 """Mistakes in a session that no single picture shows are named with their files."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -87,6 +88,14 @@ def test_a_diameter_somewhat_off_is_a_warning_with_the_square(session, rig):
     finding = scale_finding(result)
     assert finding.text in [f.text for f in result.findings]
     assert "square_mm would have to be 15.7" in finding.text
+
+
+def test_without_a_stated_diameter_nothing_says_that_it_is_the_shaft(session, rig):
+    edit(session, "diameter_mm = 10.0", "")
+    result = pivometer.measure(pivometer.load(session), rig=rig)
+    finding = scale_finding(result)
+    assert finding.text in [f.text for f in result.findings]
+    assert re.search(r"is (9\.9|10\.0)\d mm thick", finding.text)
 
 
 def test_a_camera_bumped_before_the_closing_views_is_found(session, rig):

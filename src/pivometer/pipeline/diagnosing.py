@@ -150,11 +150,19 @@ def refuse_other_scale(
 
 
 def scale_finding(measurement: Measurement) -> Finding | None:
-    """Compare the shaft's measured diameter with the stated one: an independent check of scale."""
+    """Compare the shaft's measured diameter with the stated one: an independent check of scale.
+
+    Nothing else in a session tells the shaft from another rod that moves with it.
+    """
     nominal, board = measurement.setup.diameter_mm, measurement.setup.board
-    if nominal is None:
-        return None
     every = np.array([d for pose in measurement.used for d in pose.diameters_mm])
+    if nominal is None:
+        return Finding(
+            "warning",
+            f"what was measured is {np.median(every):.2f} mm thick, and the session does not state "
+            "the shaft's diameter: neither that it is the shaft nor the scale has been checked",
+            "measure the shaft with a caliper and write [shaft] diameter_mm into session.toml",
+        )
     widths = np.array([e.width_px for pose in measurement.used for e in pose.edges])
     median = float(np.median(every))
     scatter = 1.4826 * float(np.median(np.abs(every - median))) * np.sqrt(np.pi / 2 / len(every))
