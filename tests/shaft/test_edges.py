@@ -201,7 +201,7 @@ def test_occlusion_of_a_fifth_is_left_out():
         image[90:138] = rng.uniform(20, 200)
         images.append(image)
     offsets, _ = errors(scene, images, rng)
-    # An occluder as dark as the surroundings makes the fit stay guarded: 0.03 px off, one in eight.
+    # One image of eight was 0.03 px off, the cause not traced: so the median, and a bound for all.
     bound = bound_px(scene, CONTRAST, NOISE, 0.8 * 240.0)
     assert np.median(np.abs(offsets)) < 0.67 * ALLOWED * 1.3 * bound
     assert np.abs(offsets).max() < 0.05
