@@ -136,3 +136,22 @@ def effective_degrees_of_freedom(variances: ArrayLike, degrees_of_freedom: Array
     parts: Floats = checked(variances, (None,), "variances")
     lost = float((parts**2 / np.asarray(degrees_of_freedom, dtype=np.float64)).sum())
     return float(parts.sum() ** 2 / lost) if lost > 0 else float("inf")
+
+
+def fewest_degrees_of_freedom(covariances: ArrayLike, degrees_of_freedom: ArrayLike) -> float:
+    """Return the degrees of freedom of a sum of covariances, along the axis that has the fewest.
+
+    Parameters
+    ----------
+    covariances
+        Its independent parts, shape (k, d, d).
+    degrees_of_freedom
+        Of each part, shape (k,); ``inf`` where a part is known.
+
+    Examples
+    --------
+    >>> fewest_degrees_of_freedom([np.diag([1.0, 3.0]), np.eye(2)], [10, float("inf")])
+    17.77777777777778
+    """
+    variances = np.diagonal(checked(covariances, (None, None, None), "covariances"), 0, 1, 2)
+    return min(effective_degrees_of_freedom(axis, degrees_of_freedom) for axis in variances.T)

@@ -23,7 +23,7 @@ from pivometer.geometry.rigid import RigidTransform, cross_matrix
 from pivometer.uncertainty.coverage import (
     COVERAGE,
     coverage_factor,
-    effective_degrees_of_freedom,
+    fewest_degrees_of_freedom,
 )
 from pivometer.uncertainty.propagation import (
     EdgePoints,
@@ -156,11 +156,7 @@ def _combined(
 ) -> BoardFrameUncertainty:
     lines, calibration, corners = ((part + part.T) / 2 for part in parts)
     total = lines + calibration + corners
-    freedoms = [own[0], np.inf, own[1]]
-    degrees = min(
-        effective_degrees_of_freedom([lines[k, k], calibration[k, k], corners[k, k]], freedoms)
-        for k in range(3)
-    )
+    degrees = fewest_degrees_of_freedom([lines, calibration, corners], [own[0], np.inf, own[1]])
     factor = coverage_factor(degrees, coverage=coverage)
     return BoardFrameUncertainty(
         lines_mm2=lines,

@@ -22,7 +22,7 @@ from pivometer.shaft.triangulation import lines_from_edge_normals
 from pivometer.uncertainty.coverage import (
     COVERAGE,
     coverage_factor,
-    effective_degrees_of_freedom,
+    fewest_degrees_of_freedom,
 )
 
 POINTS_AN_EDGE = 16
@@ -266,9 +266,7 @@ def _combined(rcm: LeastSquaresRcm, calibration: Floats, coverage: float) -> Loc
     lines, location = rcm.covariance_mm2, (calibration[:3, :3] + calibration[:3, :3].T) / 2
     total = lines + location
     own = 2 * len(rcm.distances_mm) - 3
-    degrees = min(
-        effective_degrees_of_freedom([lines[k, k], location[k, k]], [own, np.inf]) for k in range(3)
-    )
+    degrees = fewest_degrees_of_freedom([lines, location], [own, np.inf])
     factor = coverage_factor(degrees, coverage=coverage)
     return LocationUncertainty(
         lines_mm2=lines,
