@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pivometer._version import SOFTWARE
-from pivometer.errors import DegenerateGeometryError
 from pivometer.io.atomic import write_files
 from pivometer.io.codec import json_text, jsonable
 from pivometer.io.lines import Lines, read_lines
@@ -22,6 +21,7 @@ from pivometer.rcm import (
     least_distance_rcm,
     outlier_findings,
     pivot_findings,
+    refuse_geometry,
     solve,
     trimmed_rcm,
 )
@@ -67,9 +67,7 @@ def solve_lines(path: Path | str) -> SolvedLines:
     lines = read_lines(path)
     rcm = solve(lines.points_mm, lines.directions)
     findings = geometry_findings(lines.points_mm, lines.directions, rcm)
-    for finding in findings:
-        if finding.severity == "refusal":
-            raise DegenerateGeometryError(finding.text, next_step=finding.next_step, path=path)
+    refuse_geometry(findings, path=path)
     return SolvedLines(
         lines,
         rcm,

@@ -1,7 +1,7 @@
 """The remote center of motion of a set of lines: minimax (2)–(3), least squares, and robust."""
 
 from pivometer.rcm.cone import cone_deg
-from pivometer.rcm.geometry_check import geometry_findings
+from pivometer.rcm.geometry_check import geometry_findings, refuse_geometry
 from pivometer.rcm.least_squares import least_squares_rcm
 from pivometer.rcm.minimax import minimax_rcm
 from pivometer.rcm.pivot import PivotCalibration, calibrate_pivot, pivot_findings
@@ -31,6 +31,7 @@ __all__ = [
     "minimax_rcm",
     "outlier_findings",
     "pivot_findings",
+    "refuse_geometry",
     "solve",
     "trimmed_rcm",
 ]

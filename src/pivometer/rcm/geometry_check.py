@@ -1,11 +1,13 @@
 """Whether the lines can be believed: what the residuals do not show, in plain words."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pivometer._arrays import Floats
+from pivometer.errors import DegenerateGeometryError
 from pivometer.rcm.cone import angles_to_axis, signed_axes
 from pivometer.rcm.lines import checked_lines
 from pivometer.rcm.result import Finding, RcmSolution
@@ -68,6 +70,26 @@ def geometry_findings(
         *_few_poses(len(axes)),
     ]
     return tuple(sorted(findings, key=lambda finding: finding.severity != "refusal"))
+
+
+def refuse_geometry(findings: Iterable[Finding], *, path: Path | str | None = None) -> None:
+    """Raise the first refusal among findings.
+
+    Parameters
+    ----------
+    findings
+        What `geometry_findings` returned.
+    path
+        The file the lines come from, if any.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        If a finding is a refusal.
+    """
+    for finding in findings:
+        if finding.severity == "refusal":
+            raise DegenerateGeometryError(finding.text, next_step=finding.next_step, path=path)
 
 
 def _narrow_cone(solution: RcmSolution) -> Iterator[Finding]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pivometer._arrays import Floats, checked, read_only
 from pivometer.geometry import RigidTransform, tangent_plane_normals
@@ -389,9 +389,3 @@ class Cylinder:
             value[at] = material.radiance(normals[at], direction[at], self.lighting)
         px_mm = depth * np.hypot(rays.x_u, rays.y_v) / np.maximum(np.sqrt(a), 0.1)
         return value, np.abs(along[:, None] - starts).min(axis=1) < px_mm
-
-
-def polygon_xy(corners: ArrayLike, frame: RigidTransform, radiance: float) -> Polygon:
-    """Return a polygon given by corners (k, 2) in the x-y plane of a frame, mm."""
-    flat = checked(corners, (None, 2), "corners")
-    return Polygon(frame @ np.column_stack([flat, np.zeros(len(flat))]), radiance)
