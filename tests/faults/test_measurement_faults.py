@@ -14,6 +14,7 @@ from pivometer.errors import (
     CalibrationError,
     DataError,
     DegenerateGeometryError,
+    SessionError,
     TooFewPosesError,
     UsageError,
 )
@@ -89,6 +90,14 @@ def test_no_shaft_anywhere_is_refused(session, rig):
     with pytest.raises(TooFewPosesError, match=f"0 of {POSES} poses are usable") as caught:
         pivometer.measure(pivometer.load(session), rig=rig)
     assert caught.value.exit_code == 3
+
+
+def test_a_session_without_shaft_images_is_refused_before_it_is_calibrated(session):
+    shutil.rmtree(session / "shaft")
+    told = []
+    with pytest.raises(SessionError, match="no shaft images"):
+        pivometer.measure(pivometer.load(session), progress=lambda *stage: told.append(stage))
+    assert told == []
 
 
 def test_fewer_than_three_poses_are_refused(session, rig):

@@ -36,7 +36,7 @@ from pivometer.pipeline.diagnosing import refuse_other_scale, refuse_wrong_order
 from pivometer.pipeline.framing import with_board_frame
 from pivometer.pipeline.own_error import with_own_error
 from pivometer.pipeline.reading import Progress, ReadImage, hashes, in_threads, read, usable
-from pivometer.rcm import geometry_findings, outlier_findings, solve
+from pivometer.rcm import geometry_findings, outlier_findings, refuse_geometry, solve
 from pivometer.rcm.result import Finding
 from pivometer.shaft.detection import SeedRejection, ShaftSeed, find_shaft
 from pivometer.shaft.edges import ShaftEdges, fit_edges
@@ -81,6 +81,8 @@ def measure(
 
     Raises
     ------
+    SessionError
+        If the session has no shaft images.
     DataError
         If the data cannot support an answer: its subclasses say why.
     UsageError
@@ -90,6 +92,7 @@ def measure(
     ----------
     Wilson et al., eqs. (1)–(16) and (22).
     """
+    session.require("shaft")
     calibration = rig or calibrate(session, method=method, distortion=distortion, progress=progress)
     if isinstance(calibration, ImportedRig):
         calibration = replace(calibration, rig=_seen_from(calibration.rig, session.reference))
@@ -234,9 +237,7 @@ def _measurement(
     directions = np.stack([line.centerline.direction for line in lines])
     rcm = solve(points, directions)
     findings = geometry_findings(points, directions, rcm)
-    for finding in findings:
-        if finding.severity == "refusal":
-            raise DegenerateGeometryError(finding.text, next_step=finding.next_step)
+    refuse_geometry(findings)
     uncertainty: LocationUncertainty | LinesUncertainty
     if isinstance(calibration, ImportedRig):
         uncertainty = lines_uncertainty(rcm.least_squares)
