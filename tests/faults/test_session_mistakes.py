@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -11,7 +12,7 @@ import pytest
 import pivometer
 from pivometer import pipeline
 from pivometer.errors import CalibrationError
-from pivometer.pipeline.diagnosing import scale_finding
+from pivometer.pipeline.diagnosing import flat_poses_finding, scale_finding
 
 POSES = 7
 
@@ -96,6 +97,14 @@ def test_without_a_stated_diameter_nothing_says_that_it_is_the_shaft(session, ri
     finding = scale_finding(result)
     assert finding.text in [f.text for f in result.findings]
     assert re.search(r"is (9\.9|10\.0)\d mm thick", finding.text)
+
+
+def test_poses_with_nearly_one_centerline_plane_are_named(session, rig):
+    result = pivometer.measure(pivometer.load(session), rig=rig)
+    assert flat_poses_finding(result) is None
+    first, *rest = result.used
+    flat = replace(result, poses=(replace(first, dihedral_deg=19.9), *rest))
+    assert f"({first.pose})" in flat_poses_finding(flat).text
 
 
 def test_a_camera_bumped_before_the_closing_views_is_found(session, rig):

@@ -20,7 +20,7 @@ from pivometer.pipeline.reading import Progress, hashes, in_threads, read
 from pivometer.rcm import Finding
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.gate import NOMINAL_TOLERANCE, SPREAD_TOLERANCE
-from pivometer.shaft.triangulation import triangulate_centerline
+from pivometer.shaft.triangulation import WARN_DIHEDRAL_RAD, triangulate_centerline
 from pivometer.uncertainty.propagation import SeenAlike, rcm_of_points, thinned_points
 
 BETTER = 5.0
@@ -185,16 +185,34 @@ def scale_finding(measurement: Measurement) -> Finding | None:
     )
 
 
+# --- The sight ---
+
+
+def flat_poses_finding(measurement: Measurement) -> Finding | None:
+    """Name the poses whose centerline planes are so nearly one plane that errors multiply."""
+    limit = float(np.degrees(WARN_DIHEDRAL_RAD))
+    flat = [pose.pose for pose in measurement.used if pose.dihedral_deg < limit]
+    if not flat:
+        return None
+    more = f" and {len(flat) - 5} more" if len(flat) > 5 else ""
+    return Finding(
+        "warning",
+        f"in {len(flat)} of {len(measurement.used)} poses the centerline planes of the cameras are "
+        f"under {limit:.0f}° apart, which triples errors and more ({', '.join(flat[:5])}{more})",
+        "leave out poses in which the shaft lies in a plane with both cameras, or move a camera",
+    )
+
+
 # --- Movement ---
 
 
 def with_checks(
     measurement: Measurement, session: Session, progress: Progress | None = None
 ) -> Measurement:
-    """Add what the shaft's diameter and the board views at the end say about the calibration."""
-    scale = scale_finding(measurement)
-    if scale is not None:
-        measurement = replace(measurement, findings=(*measurement.findings, scale))
+    """Add what diameter, sight and the board views at the end say about the answer."""
+    checked = (scale_finding(measurement), flat_poses_finding(measurement))
+    told = tuple(finding for finding in checked if finding is not None)
+    measurement = replace(measurement, findings=measurement.findings + told)
     files = list(session.fixed_board_images("closing"))
     if not files:
         return measurement
