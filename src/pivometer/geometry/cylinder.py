@@ -59,3 +59,65 @@ def tangent_plane_normals(
     sine = radius_mm / distance
     cosine = np.sqrt((1 - sine) * (1 + sine))
     return np.stack([-cosine * right - sine * towards, cosine * right - sine * towards])
+
+
+def tangent_planes(
+    axis_points_mm: ArrayLike,
+    axis_directions: ArrayLike,
+    radii_mm: ArrayLike,
+    viewpoints_mm: ArrayLike,
+    bases: ArrayLike,
+) -> tuple[Floats, Floats]:
+    """Return the normals of `tangent_plane_normals` for many cylinders and viewpoints, and slopes.
+
+    Parameters
+    ----------
+    axis_points_mm, axis_directions
+        A point of each axis (mm) and its unit direction, shape (n, 3).
+    radii_mm
+        The radii, shape (n,), mm.
+    viewpoints_mm
+        Where all of them are seen from, shape (c, 3), mm, in the frame of the axes. One inside a
+        cylinder, where nothing is seen, counts as one that touches it.
+    bases
+        Two unit vectors perpendicular to each direction and to each other, shape (n, 2, 3).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Normals, shape (n, c, 2, 3), in the same frame; and their derivatives, shape
+        (n, c, 2, 3, 5), by the offsets of the axis point along `bases` (mm), by the slopes of the
+        direction along them (rad), and by the radius (mm).
+
+    References
+    ----------
+    Wilson et al., eqs. (10)–(12) and Fig. 3.
+    """
+    axis = np.asarray(axis_directions)[:, None, :]
+    start = np.asarray(axis_points_mm)[:, None, :] - np.asarray(viewpoints_mm)
+    along = np.vecdot(start, axis)[..., None]
+    foot = start - along * axis
+    distance = np.sqrt(np.vecdot(foot, foot))[..., None]
+    towards = foot / distance
+    right = np.cross(towards, axis)
+    sine = np.minimum(np.asarray(radii_mm)[:, None, None] / distance, 1 - 1e-9)
+    cosine = np.sqrt((1 - sine) * (1 + sine))
+    # All derivatives by the five parameters have the shape (n, c, 5, 3), or (n, c, 5, 1).
+    across = np.asarray(bases)[:, None]
+    turn = np.concatenate([np.zeros_like(across), across, np.zeros_like(axis[:, None])], axis=2)
+    leans = -np.vecdot(start[:, :, None], across)[..., None] * axis[:, :, None]
+    leans = leans - along[..., None] * across
+    shifts = np.broadcast_to(across, leans.shape)
+    d_foot = np.concatenate([shifts, leans, np.zeros_like(leans[:, :, :1])], axis=2)
+    d_distance = np.vecdot(d_foot, towards[:, :, None])[..., None]
+    d_towards = (d_foot - d_distance * towards[:, :, None]) / distance[..., None]
+    d_right = np.cross(d_towards, axis[:, :, None]) + np.cross(towards[:, :, None], turn)
+    d_sine = -sine[..., None] / distance[..., None] * d_distance
+    d_sine[..., 4, 0] = 1 / distance[..., 0]
+    d_cosine = -(sine / cosine)[..., None] * d_sine
+    inward = sine * towards
+    d_inward = d_sine * towards[:, :, None] + sine[..., None] * d_towards
+    d_side = d_cosine * right[:, :, None] + cosine[..., None] * d_right
+    normals = np.stack([-cosine * right - inward, cosine * right - inward], axis=2)
+    slopes = np.stack([-d_side - d_inward, d_side - d_inward], axis=2)
+    return normals, np.swapaxes(slopes, -1, -2)
