@@ -42,6 +42,8 @@ SHAPES = {
     **dict.fromkeys(("covariance_mm2", "lines_mm2", "calibration_mm2", "total_mm2"), (3, 3)),
     **dict.fromkeys(("minimax_point_mm", "least_squares_point_mm"), (3,)),
     "board_mm2": (3, 3),
+    "shift_mm": (3,),
+    "shift_covariance_mm2": (3, 3),
 }
 RNG = np.random.default_rng(11)
 
@@ -182,6 +184,8 @@ def test_centerlines_as_csv(measurement: Measurement) -> None:
     assert [float(rows[1][f"point_{axis}_mm"]) for axis in "xyz"] == line.point_mm.tolist()
     assert [float(rows[1][f"direction_{axis}"]) for axis in "xyz"] == line.direction.tolist()
     assert float(rows[0]["distance_minimax_mm"]) == measurement.used[0].distance_mm.minimax
+    covariance = line.position_covariance_mm2(measurement.rcm.least_squares.point_mm)
+    assert float(rows[1]["cov_xz_mm2"]) == covariance[0, 2]
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])

@@ -10,11 +10,11 @@ from rich.console import Console
 from rich.table import Table as TerminalTable
 from rich.text import Text
 
-from pivometer._arrays import Floats
 from pivometer.calibration import Board, Calibration
 from pivometer.calibration.advice import advice
 from pivometer.measurement import Measurement
 from pivometer.report.digits import error_decimals, fixed, with_uncertainty
+from pivometer.report.points import all_points_table, points_table
 from pivometer.report.setup_tables import parameter_rows
 from pivometer.report.tables import (
     Table,
@@ -62,6 +62,7 @@ def show_measurement(
         show_table(board)
     show_table(location_table(measurement))
     show_table(miss_table(measurement))
+    show_table(all_points_table(measurement))
     if measurement.rejected:
         show_table(rejected_table(measurement))
     for finding in measurement.findings:
@@ -133,11 +134,9 @@ def show_solution(solved: "SolvedLines", path: Path | None) -> None:
         f"{rcm.cone_deg:.0f}°.",
         "",
     )
-    show_table(_points_table(solved))
-    say(
-        "Each point has the least miss of its kind; “trimmed” leaves the farthest quarter out. The "
-        "last two are not moved by a few wrong lines: far from least squares, they tell of some."
-    )
+    table = points_table(rcm, solved.lines.names, frame="the frame of the lines")
+    show_table(table)
+    say(table.note)
     for finding in solved.findings:
         say(f"{finding.severity}: {finding.text}; next: {finding.next_step}")
     if path is not None:
@@ -167,40 +166,6 @@ def show_pivot(solved: "SolvedPoses", path: Path | None) -> None:
         say(f"{finding.severity}: {finding.text}; next: {finding.next_step}")
     if path is not None:
         say(f"pivot.json: {path}")
-
-
-def _points_table(solved: "SolvedLines") -> Table:
-    """Tabulate all points: where they are, and how far the lines miss them."""
-    minimax, squares = solved.rcm.minimax, solved.rcm.least_squares
-    decimals = error_decimals([minimax.max_mm, minimax.rms_mm, squares.rms_mm])
-    sigmas = np.sqrt(np.maximum(squares.covariance_mm2.diagonal(), 0))
-    others = (minimax, solved.least_distance, solved.trimmed)
-    rows = [
-        (
-            f"{axis}, mm",
-            with_uncertainty(float(squares.point_mm[i]), float(sigmas[i])),
-            *(fixed(float(point.point_mm[i]), decimals) for point in others),
-        )
-        for i, axis in enumerate("xyz")
-    ]
-    distances = [point.distances_mm for point in (squares, *others)]
-    apart = [np.linalg.norm(point.point_mm - squares.point_mm) for point in others]
-    rows += [
-        ("from least squares, mm", "", *(fixed(float(length), decimals) for length in apart)),
-        ("largest miss (max), mm", *(fixed(float(d.max()), decimals) for d in distances)),
-        ("rms miss, mm", *(fixed(float(np.sqrt(np.mean(d**2))), decimals) for d in distances)),
-        ("mean miss, mm", *(fixed(float(d.mean()), decimals) for d in distances)),
-        ("farthest line", *(_farthest(solved, d) for d in distances)),
-    ]
-    return Table(
-        "RCM in the frame of the lines (± standard uncertainty from their scatter)",
-        ("", "least squares", "minimax", "least sum", "trimmed"),
-        tuple(rows),
-    )
-
-
-def _farthest(solved: "SolvedLines", distances_mm: Floats) -> str:
-    return solved.lines.names[int(np.argmax(distances_mm))]
 
 
 def _say_ignored(ignored: Sequence[str]) -> None:

@@ -8,6 +8,8 @@ import io
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pivometer.calibration import Calibration
 from pivometer.errors import UsageError
 from pivometer.io.codec import json_text, jsonable, read_json, typed
@@ -26,6 +28,7 @@ _COLUMNS = (
     "distance_minimax_mm",
     "distance_least_squares_mm",
     "dihedral_deg",
+    *(f"cov_{pair}_mm2" for pair in ("xx", "xy", "xz", "yy", "yz", "zz")),
 )
 
 
@@ -66,19 +69,23 @@ def rig_text(calibration: Calibration | ImportedRig, *, software: str) -> str:
 def centerlines_csv(measurement: Measurement) -> str:
     """Return the centerlines of the used poses as CSV with a heading, mm, reference camera's frame.
 
-    The point is the foot of the perpendicular from the reference camera's centre. Every number has
-    its full precision.
+    The point is the foot of the perpendicular from the reference camera's centre; the covariance is
+    that of the line's position where it passes the least-squares point, from its edges alone. Every
+    number has its full precision.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(_COLUMNS)
+    upper = np.triu_indices(3)
     for pose in measurement.used:
+        covariance = pose.centerline.position_covariance_mm2(measurement.rcm.least_squares.point_mm)
         numbers = [
             *pose.centerline.point_mm.tolist(),
             *pose.centerline.direction.tolist(),
             pose.distance_mm.minimax,
             pose.distance_mm.least_squares,
             pose.dihedral_deg,
+            *covariance[upper].tolist(),
         ]
         writer.writerow([pose.pose, *(repr(float(number)) for number in numbers)])
     return text.getvalue()

@@ -16,6 +16,8 @@ _SHAPES = {
     "direction": (3,),
     "translation_mm": (3,),
     "expanded_mm": (3,),
+    "shift_mm": (3,),
+    "shift_covariance_mm2": (3, 3),
     "rms_interval_mm": (2,),
     "max_interval_mm": (2,),
     "rotation": (3, 3),

@@ -34,6 +34,7 @@ from pivometer.measurement import (
 from pivometer.pipeline.calibrating import Method, calibrate
 from pivometer.pipeline.diagnosing import refuse_other_scale, refuse_wrong_order, with_checks
 from pivometer.pipeline.framing import with_board_frame
+from pivometer.pipeline.other_points import with_all_points
 from pivometer.pipeline.own_error import with_own_error
 from pivometer.pipeline.reading import Progress, ReadImage, hashes, in_threads, read, usable
 from pivometer.rcm import geometry_findings, outlier_findings, refuse_geometry, solve
@@ -270,7 +271,7 @@ def _measurement(
         inputs=inputs,
         software=SOFTWARE,
     )
-    return with_own_error(measurement)
+    return with_own_error(with_all_points(measurement))
 
 
 def _unknown_calibration(imported: ImportedRig) -> Finding:

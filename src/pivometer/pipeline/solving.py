@@ -12,18 +12,16 @@ from pivometer.io.lines import Lines, read_lines
 from pivometer.io.poses import TrackedPoses, read_poses
 from pivometer.rcm import (
     Finding,
-    LeastDistanceRcm,
     PivotCalibration,
     RcmSolution,
-    TrimmedRcm,
     calibrate_pivot,
     geometry_findings,
-    least_distance_rcm,
     outlier_findings,
     pivot_findings,
     refuse_geometry,
     solve,
-    trimmed_rcm,
+    weighting_findings,
+    with_other_points,
 )
 
 RCM_SCHEMA = "pivometer/rcm/1"
@@ -39,18 +37,15 @@ class SolvedLines:
     lines
         The lines, in their own frame.
     rcm
-        Both RCM points. The covariance holds the scatter of the lines only: what all lines have in
-        common, such as the calibration of the instrument they come from, is not in it.
-    least_distance, trimmed
-        Two points that a few wrong lines do not move.
+        All RCM points; the weighted one if the file has covariances. The covariances hold the
+        scatter of the lines only: what all lines have in common, such as the calibration of the
+        instrument they come from, is not in them.
     findings
         What weakens the answer, in plain words.
     """
 
     lines: Lines
     rcm: RcmSolution
-    least_distance: LeastDistanceRcm
-    trimmed: TrimmedRcm
     findings: tuple[Finding, ...]
 
 
@@ -68,13 +63,13 @@ def solve_lines(path: Path | str) -> SolvedLines:
     rcm = solve(lines.points_mm, lines.directions)
     findings = geometry_findings(lines.points_mm, lines.directions, rcm)
     refuse_geometry(findings, path=path)
-    return SolvedLines(
-        lines,
-        rcm,
-        least_distance_rcm(lines.points_mm, lines.directions),
-        trimmed_rcm(lines.points_mm, lines.directions),
-        findings + outlier_findings(lines.names, lines.points_mm, lines.directions),
+    rcm = with_other_points(
+        rcm, lines.points_mm, lines.directions, covariances_mm2=lines.covariances_mm2
     )
+    findings += outlier_findings(lines.names, lines.points_mm, lines.directions)
+    if rcm.weighted is not None:
+        findings += weighting_findings(rcm.weighted)
+    return SolvedLines(lines, rcm, findings)
 
 
 def write_solution(solved: SolvedLines, folder: Path | str) -> Path:
@@ -88,8 +83,6 @@ def write_solution(solved: SolvedLines, folder: Path | str) -> Path:
         "inputs": {solved.lines.source: solved.lines.sha256},
         "lines": list(solved.lines.names),
         "rcm": jsonable(solved.rcm),
-        "least_distance": jsonable(solved.least_distance),
-        "trimmed": jsonable(solved.trimmed),
         "findings": jsonable(solved.findings),
     }
     return write_files(folder, {"rcm.json": json_text(content) + "\n"})["rcm.json"]

@@ -1,19 +1,22 @@
-"""The remote center of motion of a set of lines: minimax (2)–(3), least squares, and robust."""
+"""The remote center of motion of lines: minimax (2)–(3), least squares, weighted, and robust."""
 
 from pivometer.rcm.cone import cone_deg
 from pivometer.rcm.geometry_check import geometry_findings, refuse_geometry
 from pivometer.rcm.least_squares import least_squares_rcm
 from pivometer.rcm.minimax import minimax_rcm
 from pivometer.rcm.pivot import PivotCalibration, calibrate_pivot, pivot_findings
-from pivometer.rcm.result import Finding, LeastSquaresRcm, MinimaxRcm, RcmSolution
-from pivometer.rcm.robust import (
+from pivometer.rcm.result import (
+    Finding,
     LeastDistanceRcm,
+    LeastSquaresRcm,
+    MinimaxRcm,
+    RcmSolution,
     TrimmedRcm,
-    least_distance_rcm,
-    outlier_findings,
-    trimmed_rcm,
+    WeightedRcm,
 )
-from pivometer.rcm.solution import solve
+from pivometer.rcm.robust import least_distance_rcm, outlier_findings, trimmed_rcm
+from pivometer.rcm.solution import solve, with_other_points
+from pivometer.rcm.weighted import weighted_rcm, weighting_findings
 
 __all__ = [
     "Finding",
@@ -23,6 +26,7 @@ __all__ = [
     "PivotCalibration",
     "RcmSolution",
     "TrimmedRcm",
+    "WeightedRcm",
     "calibrate_pivot",
     "cone_deg",
     "geometry_findings",
@@ -34,4 +38,7 @@ __all__ = [
     "refuse_geometry",
     "solve",
     "trimmed_rcm",
+    "weighted_rcm",
+    "weighting_findings",
+    "with_other_points",
 ]

@@ -95,8 +95,112 @@ class LeastSquaresRcm:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class LeastDistanceRcm:
+    """The point with the least sum of distances from the lines: their spatial median.
+
+    Parameters
+    ----------
+    point_mm
+        The point, shape (3,), mm, in the frame of the lines. It may lie on one of the lines.
+    mean_mm
+        Mean distance of the lines from it, mm: the least possible.
+    certificate_gap
+        How far `mean_mm` can be above that least possible value, relative to it, proved by duality.
+    distances_mm
+        Distance of each line, shape (n,), mm.
+    """
+
+    point_mm: Floats
+    mean_mm: float
+    certificate_gap: float
+    distances_mm: Floats
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point_mm", read_only(checked(self.point_mm, (3,), "point_mm")))
+        distances = checked(self.distances_mm, (None,), "distances_mm")
+        object.__setattr__(self, "distances_mm", read_only(distances))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrimmedRcm:
+    """The least-squares point of the nearest three quarters of the lines.
+
+    Parameters
+    ----------
+    point_mm
+        The point, shape (3,), mm, in the frame of the lines.
+    rms_mm
+        Root mean square of the distances of the lines that count, mm.
+    distances_mm
+        Distance of each line, those left out too, shape (n,), mm.
+    left_out
+        Which lines do not count.
+    """
+
+    point_mm: Floats
+    rms_mm: float
+    distances_mm: Floats
+    left_out: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point_mm", read_only(checked(self.point_mm, (3,), "point_mm")))
+        distances = checked(self.distances_mm, (None,), "distances_mm")
+        object.__setattr__(self, "distances_mm", read_only(distances))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WeightedRcm:
+    """The generalized least-squares point: lines that the instrument knows badly count less.
+
+    Parameters
+    ----------
+    point_mm
+        The point, shape (3,), mm, in the frame of the lines.
+    covariance_mm2
+        Its covariance, shape (3, 3), mm²: instrument, errors common to all lines if they were
+        given, and the robot's own scatter as far as it is independent from line to line.
+    own_mm
+        The robot's own scatter τ, a standard deviation a component, mm; zero where the instrument
+        explains all.
+    max_mm, rms_mm
+        Largest distance and root mean square of the distances of the lines from it, mm. They are
+        not weighted: a line that counts little for the point counts in full here.
+    distances_mm
+        Distance of each line, shape (n,), mm.
+    shares
+        Part of the whole weight that each line has, shape (n,), positive with sum 1.
+    shift_mm
+        This point minus the least-squares point, shape (3,), mm.
+    shift_covariance_mm2
+        Covariance of that shift if the errors are what they are taken for, shape (3, 3), mm². A
+        shift that it does not explain tells of errors that depend on the pose.
+    """
+
+    point_mm: Floats
+    covariance_mm2: Floats
+    own_mm: float
+    max_mm: float
+    rms_mm: float
+    distances_mm: Floats
+    shares: Floats
+    shift_mm: Floats
+    shift_covariance_mm2: Floats
+
+    def __post_init__(self) -> None:
+        for name, shape in (
+            ("point_mm", (3,)),
+            ("covariance_mm2", (3, 3)),
+            ("distances_mm", (None,)),
+            ("shares", (None,)),
+            ("shift_mm", (3,)),
+            ("shift_covariance_mm2", (3, 3)),
+        ):
+            object.__setattr__(self, name, read_only(checked(getattr(self, name), shape, name)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RcmSolution:
-    """Both RCM points, their distance, and the cone that the lines fill.
+    """Both RCM points of the paper, their distance, the cone that the lines fill, and other points.
 
     Parameters
     ----------
@@ -107,9 +211,16 @@ class RcmSolution:
         vanishes only for symmetric sets of lines.
     cone_deg
         Apex angle of the smallest circular cone that holds all directions, signs ignored, deg.
+    least_distance, trimmed
+        Two points that a few wrong lines do not move; `None` where they were not asked for.
+    weighted
+        The point for which lines count by how well they are known; `None` where that is not known.
     """
 
     minimax: MinimaxRcm
     least_squares: LeastSquaresRcm
     separation_mm: float
     cone_deg: float
+    least_distance: LeastDistanceRcm | None = None
+    trimmed: TrimmedRcm | None = None
+    weighted: WeightedRcm | None = None

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pivometer._arrays import Floats, checked, read_only
+from pivometer._arrays import Floats
 from pivometer.errors import DegenerateGeometryError
 from pivometer.rcm.least_squares import least_squares_rcm
 from pivometer.rcm.lines import FEWEST_LINES, CentredLines, centred_lines
-from pivometer.rcm.result import Finding
+from pivometer.rcm.result import Finding, LeastDistanceRcm, TrimmedRcm
 
 Indices = NDArray[np.intp]
 
@@ -44,60 +44,6 @@ allowance 1 + 2/√n for the median, 2 of 200 sessions of 10 lines and none of 6
 
 FEWEST_FOR_OUTLIERS = 10
 """With 6 lines 3.5 % of sessions gave a false alarm."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LeastDistanceRcm:
-    """The point with the least sum of distances from the lines: their spatial median.
-
-    Parameters
-    ----------
-    point_mm
-        The point, shape (3,), mm, in the frame of the lines. It may lie on one of the lines.
-    mean_mm
-        Mean distance of the lines from it, mm: the least possible.
-    certificate_gap
-        How far `mean_mm` can be above that least possible value, relative to it, proved by duality.
-    distances_mm
-        Distance of each line, shape (n,), mm.
-    """
-
-    point_mm: Floats
-    mean_mm: float
-    certificate_gap: float
-    distances_mm: Floats
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "point_mm", read_only(checked(self.point_mm, (3,), "point_mm")))
-        distances = checked(self.distances_mm, (None,), "distances_mm")
-        object.__setattr__(self, "distances_mm", read_only(distances))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TrimmedRcm:
-    """The least-squares point of the nearest three quarters of the lines.
-
-    Parameters
-    ----------
-    point_mm
-        The point, shape (3,), mm, in the frame of the lines.
-    rms_mm
-        Root mean square of the distances of the lines that count, mm.
-    distances_mm
-        Distance of each line, those left out too, shape (n,), mm.
-    left_out
-        Which lines do not count.
-    """
-
-    point_mm: Floats
-    rms_mm: float
-    distances_mm: Floats
-    left_out: tuple[int, ...]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "point_mm", read_only(checked(self.point_mm, (3,), "point_mm")))
-        distances = checked(self.distances_mm, (None,), "distances_mm")
-        object.__setattr__(self, "distances_mm", read_only(distances))
 
 
 def least_distance_rcm(points_mm: ArrayLike, directions: ArrayLike) -> LeastDistanceRcm:

@@ -1,4 +1,6 @@
-"""Both RCM points of a set of lines at once."""
+"""All RCM points of a set of lines at once."""
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,6 +10,8 @@ from pivometer.rcm.least_squares import solve_least_squares
 from pivometer.rcm.lines import centred_lines
 from pivometer.rcm.minimax import solve_minimax
 from pivometer.rcm.result import RcmSolution
+from pivometer.rcm.robust import least_distance_rcm, trimmed_rcm
+from pivometer.rcm.weighted import weighted_rcm
 
 
 def solve(points_mm: ArrayLike, directions: ArrayLike) -> RcmSolution:
@@ -51,4 +55,40 @@ def solve(points_mm: ArrayLike, directions: ArrayLike) -> RcmSolution:
         least_squares=least_squares,
         separation_mm=float(np.linalg.norm(minimax.point_mm - least_squares.point_mm)),
         cone_deg=apex_deg(lines.axes),
+    )
+
+
+def with_other_points(
+    rcm: RcmSolution,
+    points_mm: ArrayLike,
+    directions: ArrayLike,
+    *,
+    covariances_mm2: ArrayLike | None = None,
+    common_mm: ArrayLike | None = None,
+) -> RcmSolution:
+    """Return a solution with the points that are not in the paper, too.
+
+    Parameters
+    ----------
+    rcm
+        What `solve` returned for the lines.
+    points_mm, directions
+        The lines, shape (n, 3) each, mm.
+    covariances_mm2, common_mm
+        What is known of the lines, as `weighted_rcm` takes it; without covariances there is no
+        weighted point.
+
+    Raises
+    ------
+    ShapeError, TooFewPosesError, DegenerateGeometryError
+        As `least_distance_rcm`, `trimmed_rcm` and `weighted_rcm`.
+    """
+    weighted = None
+    if covariances_mm2 is not None:
+        weighted = weighted_rcm(points_mm, directions, covariances_mm2, common_mm=common_mm)
+    return replace(
+        rcm,
+        least_distance=least_distance_rcm(points_mm, directions),
+        trimmed=trimmed_rcm(points_mm, directions),
+        weighted=weighted,
     )

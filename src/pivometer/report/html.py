@@ -18,6 +18,7 @@ from pivometer.report.chart import pose_chart
 from pivometer.report.coverage import coverage_pictures
 from pivometer.report.digits import error_decimals, fixed
 from pivometer.report.overlays import PosePicture, pose_pictures
+from pivometer.report.points import all_points_table
 from pivometer.report.scene import scene, scene_picture
 from pivometer.report.tables import Table
 from pivometer.report.target import deciding_poses, mean_shaft_view, target_plot
@@ -168,6 +169,7 @@ def _tables(measurement: Measurement) -> dict[str, object]:
         "location": tables.location_table(measurement),
         "board_location": tables.board_location_table(measurement),
         "misses": tables.miss_table(measurement),
+        "all_points": all_points_table(measurement),
         "paper": tables.paper_table(measurement),
         "poses": tables.pose_table(measurement, numbers),
         "rejected": tables.rejected_table(measurement),
