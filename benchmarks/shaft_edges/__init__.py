@@ -1,0 +1,1 @@
+"""Scenes with known edges, and public methods of finding them, for `benchmarks.edges`."""
