@@ -21,13 +21,21 @@ def unit(vectors: ArrayLike, name: str = "directions") -> Floats:
     array([0. , 0.6, 0.8])
     """
     array = checked(vectors, (-1, 3), name)
-    x, y, z = np.moveaxis(np.abs(array), -1, 0)
-    scale = np.maximum(np.maximum(x, y), z)[..., None]  # a third of the time of max(axis=-1)
-    if (scale == 0).any():
-        raise ShapeError(f"{name} holds a vector of zero length", next_step="remove it")
-    array = array / scale
-    normalized: Floats = array / np.sqrt(np.vecdot(array, array))[..., None]
+    with np.errstate(over="ignore", under="ignore"):
+        squares = np.vecdot(array, array)
+    if not 1e-200 < squares.min(initial=1) <= squares.max(initial=1) < 1e200:
+        array = array / _largest(array, name)  # or their squares are none
+        squares = np.vecdot(array, array)
+    normalized: Floats = array / np.sqrt(squares)[..., None]
     return normalized
+
+
+def _largest(vectors: Floats, name: str) -> Floats:
+    """Return the largest component of each vector, shape (..., 1)."""
+    largest: Floats = np.abs(vectors).max(axis=-1, keepdims=True)
+    if not largest.all():
+        raise ShapeError(f"{name} holds a vector of zero length", next_step="remove it")
+    return largest
 
 
 def nearest_points_on_lines(

@@ -21,11 +21,25 @@ Indices = NDArray[np.intp]
 GOOD_GAP = 2e-15
 """A relative duality gap at the level of rounding, at which there is nothing left to improve."""
 
+EARLY = 0.1
+"""Complementarity, relative to t, at which the deciding constraints are guessed first: after one to
+three steps the guess, mended by exchanges, is right in 91 to 100 % of usual problems."""
+
 CLOSE = 1e-4
 """Complementarity, relative to t, from which the deciding constraints show: √1e-4 ≪ weights."""
 
 MOST_ACTIVE = 12
 """Four lines decide, unless several are at the same distance by symmetry or repetition."""
+
+JUMP_STEPS = 10
+"""From an early guess 4 to 5 are usual, from a close one 3."""
+
+LONGEST_JUMP = 1e12
+"""Square of a length beyond which Newton's method has left for nowhere: lines are refused as
+parallel before the optimum can be as far."""
+
+AT_A_TIME = 24
+"""How many of the farthest constraints a larger problem starts from, and adds in each round."""
 
 INTERIOR_STEPS = 80
 """Usual problems are close after 3 to 8 steps; symmetric ones go on to about 15."""
@@ -93,10 +107,10 @@ class Constraints:
         """Approach the optimum from inside; once the deciding constraints show, jump to it."""
         best: Optimum | None = None
         for unknowns, weights, slacks in self._approach():
-            for active in _deciding(weights, slacks):
-                start = unknowns, weights[active]
-                for trial_unknowns, trial_weights in (self._jump(*start, active), start):
-                    found = self._certified(trial_unknowns[:3], active, trial_weights)
+            for active in _deciding(weights, slacks, t=float(unknowns[3])):
+                start = unknowns, weights[active], active
+                for trial_unknowns, trial_weights, trial in (self._jump(*start), start):
+                    found = self._certified(trial_unknowns[:3], trial, trial_weights)
                     if best is None or found.gap < best.gap:
                         best = found
                     if best.gap <= GOOD_GAP:
@@ -109,7 +123,7 @@ class Constraints:
         return best
 
     def _approach(self) -> Iterator[tuple[Floats, Floats, Floats]]:
-        """Mehrotra's predictor and corrector; yields (q, t), weights and slacks once close."""
+        """Mehrotra's predictor and corrector; yields (q, t), weights and slacks early and close."""
         rows = np.full((len(self.offsets), 4), -1.0)  # gradients of the constraints in (q, t)
         rows[:, :3] = misses = -self.offsets
         costs = 0.5 * np.vecdot(misses, misses)
@@ -117,20 +131,23 @@ class Constraints:
         slacks = unknowns[3] - costs
         weights = 1 / slacks
         weights /= weights.sum()
+        close = EARLY
         for _ in range(INTERIOR_STEPS):
             lag = unknowns[3] - costs - slacks
             try:
                 step, slack_step, weight_step = self._newton_step(rows, lag, weights, slacks)
             except np.linalg.LinAlgError:  # as near as rounding allows
                 return
-            length = _step_length(slack_step / slacks, weight_step / weights)
+            steepest = max(-(slack_step / slacks).min(), -(weight_step / weights).min())
+            length = _step_length(steepest)
             unknowns = unknowns + length * step
             slacks = slacks + length * slack_step
             weights = weights + length * weight_step
             rows[:, :3] = misses = self.misses(unknowns[:3])
             costs = 0.5 * np.vecdot(misses, misses)
             complementarity = float(slacks.dot(weights))
-            if complementarity < CLOSE * unknowns[3]:
+            if complementarity < close * unknowns[3]:
+                close = CLOSE
                 yield unknowns, weights, slacks
             if complementarity < 1e-18:
                 return
@@ -141,27 +158,25 @@ class Constraints:
         """Return the steps of (q, t), of the slacks and of the weights.
 
         Optimality: Σ wᵢ∇ᵢ = 0, Σ wᵢ = 1, sᵢ = t − fᵢ and wᵢsᵢ = 0. `rows` are (∇ᵢ, −1) and `lag`
-        is what the third lacks. Eliminating the steps of s and w leaves four equations.
+        is what the third lacks. Eliminating the steps of s and w leaves four equations. With
+        wᵢsᵢ = 0 for its goal, the predictor changes wᵢ by −wᵢ(1 + xᵢ) where it changes sᵢ by xᵢsᵢ.
         """
         ratios = weights / slacks
         matrix = (rows.T * ratios) @ rows
         matrix[:3, :3] += self.curvature(weights) + self.guard
         inverse = np.linalg.inv(matrix)
-        pull = ratios * lag
-
-        def step_towards(target: Floats | float) -> tuple[Floats, Floats, Floats]:
-            right = (pull - target) @ rows
-            right[3] -= 1
-            step = inverse @ right
-            slack_step = lag - rows @ step
-            return step, slack_step, target - weights - ratios * slack_step
-
-        _, slack_step, weight_step = step_towards(0.0)
-        length = _step_length(slack_step / slacks, weight_step / weights)
+        right = (ratios * lag) @ rows
+        right[3] -= 1
+        slack_step = lag - rows @ (inverse @ right)
+        relative = slack_step / slacks
+        length = _step_length(max(-relative.min(), 1 + relative.max()))
+        product = weights * (relative + 1) * -slack_step
         before = slacks.dot(weights)
-        after = (slacks + length * slack_step).dot(weights + length * weight_step)
-        centre = before / len(slacks) * (after / before) ** 3
-        return step_towards((centre - slack_step * weight_step) / slacks)
+        after = (1 - length) * before + length**2 * product.sum()
+        target = (before / len(slacks) * (after / before) ** 3 - product) / slacks
+        step = inverse @ (right - target @ rows)
+        slack_step = lag - rows @ step
+        return step, slack_step, target - weights - ratios * slack_step
 
     def misses(self, point: Floats) -> Floats:
         """Return Pᵢq − rᵢ, shape (n, 3): the constraints' gradients."""
@@ -173,37 +188,41 @@ class Constraints:
         curvature: Floats = (weights @ self.projectors.reshape(-1, 9)).reshape(3, 3)
         return curvature
 
-    def _jump(self, unknowns: Floats, weights: Floats, active: Indices) -> tuple[Floats, Floats]:
+    def _jump(
+        self, unknowns: Floats, weights: Floats, active: Indices
+    ) -> tuple[Floats, Floats, Indices]:
         """Solve the optimality conditions of the active constraints alone, by Newton's method.
 
-        The conditions are Σ wᵢ(Pᵢq − rᵢ) = 0, Σ wᵢ = 1 and ½‖Pᵢq − rᵢ‖² = t.
+        The conditions are Σ wᵢ(Pᵢq − rᵢ) = 0, Σ wᵢ = 1 and ½‖Pᵢq − rᵢ‖² = t. On the way constraints
+        whose weights turn negative are dropped, and the most violated one is added.
         """
-        count = len(active)
-        if count > MOST_ACTIVE:
-            return unknowns, weights
-        chosen = Constraints(self.projectors[active], self.offsets[active], self.guard)
-        # The guard and its dual counterpart keep the matrix regular where a direction is open or a
-        # constraint is given twice; at the solution the right-hand side vanishes all the same.
-        matrix = np.diag(np.repeat([0.0, -1e-10], [4, count]))
-        matrix[3, 4:] = matrix[4:, 3] = -1
-        lack = np.empty(4 + count)
-        for _ in range(6):
-            misses = chosen.misses(unknowns[:3])
-            matrix[:3, :3] = chosen.curvature(weights) + self.guard
-            matrix[:3, 4:] = misses.T
-            matrix[4:, :3] = misses
-            lack[:3] = -weights @ misses
-            lack[3] = weights.sum() - 1
-            lack[4:] = unknowns[3] - 0.5 * np.vecdot(misses, misses)
-            try:
-                step = np.linalg.solve(matrix, lack)
-            except np.linalg.LinAlgError:  # a wrong guess of what decides; its bound will show it
+        from scipy.linalg.lapack import dgesv  # in a third of the time of numpy.linalg.solve
+
+        rows = np.full((len(self.offsets), 4), -1.0)
+        for step_number in range(JUMP_STEPS):
+            if len(active) > MOST_ACTIVE:
                 break
-            unknowns = unknowns + step[:4]
-            weights = weights + step[4:]
-            if step.dot(step) < 1e-18:
+            rows[:, :3] = misses = self.misses(unknowns[:3])
+            costs = 0.5 * np.vecdot(misses, misses)
+            worst = costs.argmax()
+            settled = step_number == 0 or costs[worst] <= unknowns[3] * (1 + 1e-13)
+            if not settled and worst not in active:
+                active, weights = np.append(active, worst), np.append(weights, 0.0)
+            curvature = (weights @ self.projectors.reshape(-1, 9)[active]).reshape(3, 3)
+            matrix, lack = _conditions(
+                curvature + self.guard, rows[active], weights, unknowns[3] - costs[active]
+            )
+            step = dgesv(matrix, lack)[2]
+            size = step.dot(step)
+            if not size < LONGEST_JUMP:  # a wrong guess of what decides; its bound will show it
                 break
-        return unknowns, weights
+            unknowns, weights = unknowns + step[:4], weights + step[4:]
+            if weights.min() < 0:
+                kept = weights > 0
+                active, weights = active[kept], weights[kept] / weights[kept].sum()
+            elif settled and size < 1e-18:
+                break
+        return unknowns, weights, active
 
     def _certified(self, point: Floats, active: Indices, weights: Floats) -> Optimum:
         """Return the largest distance from a point, and the bound that the weights prove.
@@ -211,6 +230,8 @@ class Constraints:
         For weights that sum to 1, max dᵢ² ≥ Σ wᵢdᵢ², of which the least value over all points is
         Σ wᵢ‖eᵢ‖² − gᵀH⁻¹g with eᵢ = Pᵢq − rᵢ, g = Σ wᵢeᵢ and H = Σ wᵢPᵢ.
         """
+        from scipy.linalg.lapack import dsyev  # in a third of the time of numpy.linalg.eigh
+
         misses = self.misses(point)
         squares = np.vecdot(misses, misses)
         weights = np.maximum(weights, 0)
@@ -219,7 +240,7 @@ class Constraints:
             return Optimum(point, np.inf, active, weights, 0.0)
         weights = weights / total
         curvature = (weights @ self.projectors.reshape(-1, 9)[active]).reshape(3, 3)
-        values, vectors = np.linalg.eigh(curvature)
+        values, vectors, _ = dsyev(curvature)
         slope = (weights @ misses[active]) @ vectors
         # Where H is singular g vanishes with it, except for rounding.
         curved = values > 1e-13 * values[2]
@@ -228,31 +249,55 @@ class Constraints:
         return Optimum(point, float(np.sqrt(squares.max())), active, weights, least)
 
 
-def _deciding(weights: Floats, slacks: Floats) -> Iterator[Indices]:
+def _conditions(
+    curvature: Floats, rows: Floats, weights: Floats, slacks: Floats
+) -> tuple[Floats, Floats]:
+    """Return matrix and right-hand side of Newton's step of (q, t) and of the weights.
+
+    The guard and its dual counterpart keep the matrix regular where a direction is open or a
+    constraint is given twice; at the solution the right-hand side vanishes all the same.
+    """
+    size = 4 + len(rows)
+    matrix = np.zeros((size, size))
+    matrix[:3, :3] = curvature
+    matrix[:4, 4:] = rows.T
+    matrix[4:, :4] = rows
+    matrix.reshape(-1)[4 * (size + 1) :: size + 1] = -1e-10  # the rest of the diagonal
+    lack = np.empty(size)
+    lack[:4] = -(weights @ rows)
+    lack[3] -= 1
+    lack[4:] = slacks
+    return matrix, lack
+
+
+def _deciding(weights: Floats, slacks: Floats, *, t: float) -> Iterator[Indices]:
     """Yield which constraints decide: near the optimum either the weight or the slack vanishes.
 
-    Two to four suffice; the heaviest of those that show are the next guesses, for problems in which
-    an outlier a million times farther than the rest blurs the difference.
+    Early the four heaviest are the guess. Close, two to four suffice; the heaviest of those that
+    show are the next guesses, for problems in which an outlier a million times farther than the
+    rest blurs the difference.
     """
     active = np.flatnonzero(weights > slacks)
-    yield active
     by_weight = active[np.argsort(-weights[active])]
+    if slacks.dot(weights) > CLOSE * t:
+        yield by_weight[:4]
+        return
+    yield active
     for count in (4, 3, 2):
         if count < len(active):
             yield by_weight[:count]
 
 
-def _step_length(slack_change: Floats, weight_change: Floats) -> float:
-    """Return the longest step, at most 1, that keeps slacks and weights positive."""
-    steepest = -min(slack_change.min(), weight_change.min())
-    return 1.0 if steepest <= 0.99 else 0.99 / float(steepest)
+def _step_length(steepest: float) -> float:
+    """Return the longest step, at most 1, that keeps what falls by the part `steepest` positive."""
+    return 1.0 if steepest <= 0.99 else 0.99 / steepest
 
 
 def smallest_ball_centre(points: Floats) -> Floats:
     """Return the centre, shape (3,), of the smallest ball that holds points of shape (n, 3).
 
     It is the same problem with Pᵢ = I. It is solved for the points farthest from the mean; then the
-    farthest point outside the ball is added until there is none. A point at distance d from the
+    farthest points outside the ball are added until there are none. A point at distance d from the
     mean is at most d + ‖q‖ from q, so few points need to be looked at.
     """
     mean = np.ones(len(points)) @ points / len(points)
@@ -261,15 +306,21 @@ def smallest_ball_centre(points: Floats) -> Floats:
     size = float(from_mean.max())
     if size == 0:
         return np.asarray(mean)
-    first = min(24, len(points))
-    chosen = np.argpartition(from_mean, -first)[-first:]
+    chosen = highest(from_mean)
     while True:
         projectors = np.tile(np.eye(3), (len(chosen), 1, 1))
         ball = Constraints(projectors, offsets[chosen] / size, 1e-10 * np.eye(3)).optimum()
         shift, radius = ball.point * size, ball.largest * size * (1 + 1e-9)
         near = np.flatnonzero(from_mean + np.linalg.norm(shift) * (1 + 1e-9) >= ball.largest * size)
         moved = offsets[near] - shift
-        distances = np.where(np.isin(near, chosen), 0, np.sqrt(np.vecdot(moved, moved)))
-        if distances.max(initial=0) <= radius:
+        distances = np.sqrt(np.vecdot(moved, moved))
+        outside = np.flatnonzero(distances > radius)
+        if len(outside) == 0:
             return np.asarray(mean + shift)
-        chosen = np.append(chosen, near[distances.argmax()])
+        chosen = np.append(chosen, near[outside[highest(distances[outside])]])
+
+
+def highest(values: Floats) -> Indices:
+    """Return where the highest values are, as many as a problem is enlarged by in each round."""
+    count = min(AT_A_TIME, len(values))
+    return np.argpartition(values, -count)[-count:]

@@ -121,33 +121,33 @@ def centred_lines(points_mm: ArrayLike, directions: ArrayLike) -> CentredLines:
         If the lines are parallel to within `LEAST_SPREAD_RAD`.
     """
     points, axes = checked_lines(points_mm, directions)
-    information, turn = _principal_axes(axes)
-    axes = axes @ turn
+    information, turn, axes = _principal_axes(axes)
     ones = np.ones(len(points))  # ones @ x: sum(axis=0) in a seventh of the time
     centre = ones @ points / len(points)
-    shift = np.zeros(3)
     # The second round removes what the first loses when the given points lie far along the lines.
     for _ in range(2):
-        centre = centre + turn @ shift
         offsets = _across((points - centre) @ turn, axes)
         shift = ones @ offsets / information
+        centre = centre + turn @ shift
     # The second rejection makes the offsets orthogonal to the axes relative to their own length.
-    offsets = _across(offsets - shift, axes)
-    return CentredLines(centre + turn @ shift, turn, information, axes, offsets)
+    return CentredLines(centre, turn, information, axes, _across(offsets - shift, axes))
 
 
 def _across(vectors: Floats, axes: Floats) -> Floats:
     """Return the parts of `vectors` across unit vectors, both of shape (n, 3)."""
-    across: Floats = vectors - np.vecdot(vectors, axes)[:, None] * axes
-    return across
+    across: Floats = np.vecdot(vectors, axes)[:, None] * axes
+    return np.subtract(vectors, across, out=across)  # a new array costs more than its numbers
 
 
-def _principal_axes(axes: Floats) -> tuple[Floats, Floats]:
-    """Return the eigenvalues of N = Σ (I − aᵢaᵢᵀ), ascending, and its eigenvectors."""
+def _principal_axes(axes: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the eigenvalues of N = Σ (I − aᵢaᵢᵀ), ascending, its eigenvectors, and the axes there.
+
+    The eigenvalues are summed from squares, so that the least keeps its digits.
+    """
     turn = np.linalg.eigh(axes.T @ axes)[1][:, ::-1]
     turned = axes @ turn
-    squares = np.einsum("ij,ij->j", turned, turned)
-    information = np.array([squares[1] + squares[2], squares[0] + squares[2], squares[:2].sum()])
+    x, y, z = np.ones(len(axes)) @ (turned * turned)
+    information = np.array([y + z, x + z, x + y])
     spread = float(np.sqrt(information[0] / len(axes)))
     if spread < LEAST_SPREAD_RAD:
         raise DegenerateGeometryError(
@@ -156,4 +156,4 @@ def _principal_axes(axes: Floats) -> tuple[Floats, Floats]:
             "them",
             next_step="tilt the shaft between poses; a cone of at least 20° is advised",
         )
-    return information, turn
+    return information, turn, turned

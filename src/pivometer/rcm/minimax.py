@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from pivometer._arrays import Floats
 from pivometer.errors import DegenerateGeometryError
-from pivometer.rcm.interior_point import GOOD_GAP, Constraints, Optimum
+from pivometer.rcm.interior_point import GOOD_GAP, Constraints, Optimum, highest
 from pivometer.rcm.lines import CentredLines, centred_lines
 from pivometer.rcm.result import MinimaxRcm
 
@@ -17,9 +17,6 @@ largest was 1e-13."""
 
 ALL_AT_ONCE = 150
 """Up to this many lines leaving some out costs as much as it saves (measured: 100 to 150)."""
-
-AT_A_TIME = 24
-"""How many of the farthest lines a larger problem starts from, and adds in each round."""
 
 
 def minimax_rcm(points_mm: ArrayLike, directions: ArrayLike) -> MinimaxRcm:
@@ -107,18 +104,17 @@ def _optimum_of_farthest(lines: CentredLines, from_centre: Floats, scale: float)
     A line at distance d from the centre is at most d + ‖q‖ from q, so only lines for which that
     exceeds the radius found so far need to be looked at: nothing is lost by this pruning.
     """
-    chosen = np.argpartition(from_centre, -AT_A_TIME)[-AT_A_TIME:]
+    chosen = highest(from_centre)
     while True:
         found = _constraints(lines.subset(chosen), scale).optimum().times(scale, chosen)
         reach = float(np.linalg.norm(found.point)) * (1 + 1e-9)
         near = np.flatnonzero(from_centre + reach >= found.largest)
         distances = lines.subset(near).distances(found.point)
         distances[np.isin(near, chosen)] = 0
-        added = np.argsort(distances)[-AT_A_TIME:]
-        added = added[distances[added] > found.largest * (1 + GOOD_GAP)]
-        if len(added) == 0:
+        farther = np.flatnonzero(distances > found.largest * (1 + GOOD_GAP))
+        if len(farther) == 0:
             return found
-        chosen = np.concatenate([chosen, near[added]])
+        chosen = np.concatenate([chosen, near[farther[highest(distances[farther])]]])
 
 
 def _constraints(lines: CentredLines, scale: float) -> Constraints:
