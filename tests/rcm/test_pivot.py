@@ -103,6 +103,10 @@ def test_a_real_recording_is_not_worth_its_frames(
     assert main(["pivot", str(path)]) == 0
     told = capsys.readouterr().out
     assert "1151 poses tell as much as 12 independent ones" in told
+    assert found.halves_mm == pytest.approx(np.linalg.norm(halves[1] - halves[0]), rel=1e-6)
+    assert "its two halves are 4.0 mm apart" in told
+    assert main(["pivot", str(path), "--axis", "estimate"]) == 3  # it only pivots
+    assert "the axis of the instrument is not determined" in capsys.readouterr().err
 
 
 def write(tmp_path: Path, lines: list[str]) -> Path:

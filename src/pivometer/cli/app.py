@@ -16,6 +16,7 @@ from pivometer.cli.faults import tell_fault, tell_internal, tell_interrupted, te
 from pivometer.errors import DataError, PivometerError, UsageError
 
 if TYPE_CHECKING:
+    from pivometer._arrays import Floats
     from pivometer.measurement import Measurement
 
 Method = Literal["joint", "paper"]
@@ -390,26 +391,71 @@ def solve(
     help_prologue="""\
 Example:  pivometer pivot poses.csv
           where a tracked instrument pivots, and where its tip is.
+          pivometer pivot poses.csv --axis 0,0,1
+          the RCM of the instrument's axis, which may slide through it.
 """
 )
 def pivot(
-    poses: Annotated[Path, Parameter(name="POSES.csv")], /, *, output: Path | None = None
+    poses: Annotated[Path, Parameter(name="POSES.csv")],
+    /,
+    *,
+    axis: str | None = None,
+    axis_point: str | None = None,
+    output: Path | None = None,
 ) -> None:
-    """Calibrate the pivot of an instrument from tracked poses.
+    """Find the pivot of a tracked instrument: of its tip, or of its axis.
 
     Parameters
     ----------
     poses
         One 4×4 matrix a row, in mm and in the order of time: 16 numbers, or columns t00 to t23.
+    axis
+        Direction of the instrument's axis in its own frame, x,y,z; or estimate, which finds it from
+        how the instrument slides along it. Without it, its tip is taken for what stays in place.
+    axis_point
+        A point on that axis, x,y,z in mm; the instrument's origin where none is given.
     output
-        Folder to write pivot.json into; nothing is written where none is given.
+        Folder to write pivot.json into, or rcm.json with --axis; nothing is written where none is
+        given.
     """
     from pivometer import pipeline
-    from pivometer.cli.show import show_pivot
+    from pivometer.cli.show import show_pivot, show_solution
+    from pivometer.rcm import InstrumentAxis
 
-    solved = pipeline.solve_poses(poses)
-    path = None if output is None else pipeline.write_pivot(solved, output)
-    show_pivot(solved, path)
+    if axis_point is not None and axis in (None, "estimate"):
+        raise UsageError(
+            "--axis-point is a point on a known axis, but --axis states none",
+            next_step="give --axis x,y,z, or leave it out",
+        )
+    if axis is None:
+        pivoted = pipeline.solve_poses(poses)
+        show_pivot(pivoted, None if output is None else pipeline.write_pivot(pivoted, output))
+        return
+    known = None
+    if axis != "estimate":
+        through = _three(axis_point or "0,0,0", "--axis-point")
+        known = InstrumentAxis(through, _three(axis, "--axis"))
+    solved = pipeline.solve_axis(poses, known)
+    show_solution(solved, None if output is None else pipeline.write_solution(solved, output))
+
+
+def _three(text: str, option: str) -> "Floats":
+    """Return three numbers that are not all zero unless they are a point."""
+    import numpy as np
+
+    from pivometer.io.rows import finite_or_nan
+
+    numbers = [finite_or_nan(word) for word in text.split(",")]
+    if (
+        len(numbers) != 3
+        or any(x != x for x in numbers)
+        or (option == "--axis" and not any(numbers))
+    ):
+        raise UsageError(
+            f"{option} is {text!r}, not three numbers x,y,z",
+            next_step="write for example --axis 0,0,1",
+        )
+    return np.array(numbers)
 
 
 @app.command(

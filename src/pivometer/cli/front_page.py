@@ -24,7 +24,7 @@ Commands:
   export     Write a calibrated rig in the format of another program.
   target     Draw a calibration board to print, as PDF or SVG.
   solve      Solve for the RCM of lines from a CSV file.
-  pivot      Calibrate the pivot of an instrument from tracked poses.
+  pivot      Find the pivot of a tracked instrument: of its tip, or of its axis.
   check      Decide whether a robot's RCM error keeps a limit.
   schema     Print the JSON Schema of result.json.
 

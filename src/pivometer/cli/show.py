@@ -27,6 +27,7 @@ from pivometer.report.verdict import verdict
 
 if TYPE_CHECKING:
     from pivometer.pipeline import CheckOutcome, DemoOutcome, SolvedLines, SolvedPoses
+    from pivometer.rcm import InstrumentAxis
 
 
 def say(*lines: str) -> None:
@@ -129,6 +130,8 @@ def show_check(outcome: "CheckOutcome") -> None:
 def show_solution(solved: "SolvedLines", path: Path | None) -> None:
     """Print both points of lines from a file, the lines farthest from them, and the findings."""
     rcm = solved.rcm
+    if solved.axis is not None:
+        _say_axis(solved.axis)
     say(
         f"{len(solved.lines.names)} lines of {solved.lines.source} fill a cone of "
         f"{rcm.cone_deg:.0f}°.",
@@ -141,6 +144,19 @@ def show_solution(solved: "SolvedLines", path: Path | None) -> None:
         say(f"{finding.severity}: {finding.text}; next: {finding.next_step}")
     if path is not None:
         say(f"rcm.json: {path}")
+
+
+def _say_axis(axis: "InstrumentAxis") -> None:
+    """Print the instrument's axis, and how it was found."""
+    place = ", ".join(fixed(float(x), 2) for x in axis.point_mm)
+    towards = ", ".join(fixed(float(x), 5) for x in axis.direction)
+    found = "as given"
+    if axis.slide_mm is not None and axis.direction_u_deg is not None:
+        found = (
+            f"from the motion: it slid by {axis.slide_mm:.3g} mm rms, and its direction has a "
+            f"standard uncertainty of {axis.direction_u_deg:.2g}°"
+        )
+    say(f"Instrument's axis through ({place}) mm along ({towards}), {found}.")
 
 
 def show_pivot(solved: "SolvedPoses", path: Path | None) -> None:
@@ -160,7 +176,10 @@ def show_pivot(solved: "SolvedPoses", path: Path | None) -> None:
     decimals = error_decimals([pivot.max_mm, pivot.rms_mm])
     say(
         f"Over {len(pivot.misses_mm)} poses of {solved.poses.source} the tip misses the pivot by "
-        f"at most {fixed(pivot.max_mm, decimals)} mm ({fixed(pivot.rms_mm, decimals)} mm rms)."
+        f"at most {fixed(pivot.max_mm, decimals)} mm ({fixed(pivot.rms_mm, decimals)} mm rms).",
+        f"The pivots of its two halves are {fixed(pivot.halves_mm, decimals)} mm apart; by its "
+        f"uncertainty, about {fixed(2 * float(np.sqrt((u[:3] ** 2).sum())), decimals)} mm are "
+        "expected.",
     )
     for finding in solved.findings:
         say(f"{finding.severity}: {finding.text}; next: {finding.next_step}")

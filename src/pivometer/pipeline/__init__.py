@@ -9,6 +9,7 @@ from pivometer.pipeline.simulating import DemoOutcome, demo, simulate, true_rcm
 from pivometer.pipeline.solving import (
     SolvedLines,
     SolvedPoses,
+    solve_axis,
     solve_lines,
     solve_poses,
     write_pivot,
@@ -28,6 +29,7 @@ __all__ = [
     "load",
     "measure",
     "simulate",
+    "solve_axis",
     "solve_lines",
     "solve_poses",
     "true_rcm",

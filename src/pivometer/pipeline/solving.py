@@ -12,9 +12,11 @@ from pivometer.io.lines import Lines, read_lines
 from pivometer.io.poses import TrackedPoses, read_poses
 from pivometer.rcm import (
     Finding,
+    InstrumentAxis,
     PivotCalibration,
     RcmSolution,
     calibrate_pivot,
+    estimate_axis,
     geometry_findings,
     outlier_findings,
     pivot_findings,
@@ -22,6 +24,7 @@ from pivometer.rcm import (
     solve,
     weighting_findings,
     with_other_points,
+    with_recording,
 )
 
 RCM_SCHEMA = "pivometer/rcm/1"
@@ -42,11 +45,15 @@ class SolvedLines:
         instrument they come from, is not in them.
     findings
         What weakens the answer, in plain words.
+    axis
+        The axis of the tracked instrument that the lines are, in the instrument's frame; `None`
+        for lines as they stand.
     """
 
     lines: Lines
     rcm: RcmSolution
     findings: tuple[Finding, ...]
+    axis: InstrumentAxis | None = None
 
 
 def solve_lines(path: Path | str) -> SolvedLines:
@@ -72,6 +79,39 @@ def solve_lines(path: Path | str) -> SolvedLines:
     return SolvedLines(lines, rcm, findings)
 
 
+def solve_axis(path: Path | str, axis: InstrumentAxis | None) -> SolvedLines:
+    """Solve for the RCM of the axis of a tracked instrument: see `read_poses` for the file.
+
+    Parameters
+    ----------
+    path
+        The poses, in the order of time.
+    axis
+        The instrument's axis in its own frame; estimated from the motion if `None`.
+
+    Raises
+    ------
+    UsageError
+        If the file is not what it should be; the message gives the line number.
+    DegenerateGeometryError
+        If the poses cannot support an answer, or do not tell the axis.
+    """
+    poses = read_poses(path)
+    motion = poses.rotations, poses.translations_mm
+    axis = axis or estimate_axis(*motion)
+    points, directions = axis.lines(*motion)
+    rcm, findings = with_recording(solve(points, directions), axis, *motion)
+    findings = geometry_findings(points, directions, rcm) + findings
+    refuse_geometry(findings, path=path)
+    names = tuple(str(number) for number in range(1, len(points) + 1))
+    return SolvedLines(
+        Lines(names, points, directions, poses.source, poses.sha256),
+        with_other_points(rcm, points, directions),
+        findings + outlier_findings(names, points, directions),
+        axis,
+    )
+
+
 def write_solution(solved: SolvedLines, folder: Path | str) -> Path:
     """Write ``rcm.json`` into a folder, whole or not at all, and return its path.
 
@@ -83,6 +123,7 @@ def write_solution(solved: SolvedLines, folder: Path | str) -> Path:
         "inputs": {solved.lines.source: solved.lines.sha256},
         "lines": list(solved.lines.names),
         "rcm": jsonable(solved.rcm),
+        **({} if solved.axis is None else {"axis": jsonable(solved.axis)}),
         "findings": jsonable(solved.findings),
     }
     return write_files(folder, {"rcm.json": json_text(content) + "\n"})["rcm.json"]

@@ -2,6 +2,7 @@
 
 from pivometer.rcm.cone import cone_deg
 from pivometer.rcm.geometry_check import geometry_findings, refuse_geometry
+from pivometer.rcm.instrument_axis import InstrumentAxis, estimate_axis, with_recording
 from pivometer.rcm.least_squares import least_squares_rcm
 from pivometer.rcm.minimax import minimax_rcm
 from pivometer.rcm.pivot import PivotCalibration, calibrate_pivot, pivot_findings
@@ -20,6 +21,7 @@ from pivometer.rcm.weighted import weighted_rcm, weighting_findings
 
 __all__ = [
     "Finding",
+    "InstrumentAxis",
     "LeastDistanceRcm",
     "LeastSquaresRcm",
     "MinimaxRcm",
@@ -29,6 +31,7 @@ __all__ = [
     "WeightedRcm",
     "calibrate_pivot",
     "cone_deg",
+    "estimate_axis",
     "geometry_findings",
     "least_distance_rcm",
     "least_squares_rcm",
@@ -41,4 +44,5 @@ __all__ = [
     "weighted_rcm",
     "weighting_findings",
     "with_other_points",
+    "with_recording",
 ]

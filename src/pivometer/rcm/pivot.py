@@ -14,18 +14,12 @@ from numpy.typing import ArrayLike
 
 from pivometer._arrays import Floats, checked, read_only
 from pivometer.errors import DegenerateGeometryError, ShapeError, TooFewPosesError
+from pivometer.rcm.blocks import ALIKE, block_covariance, halves_apart, lag_one, worth
 from pivometer.rcm.geometry_check import NARROW_CONE_DEG, NARROWEST_CONE_DEG
 from pivometer.rcm.result import Finding
 
 FEWEST_POSES = 8
 """Fewest poses from which blocks can be drawn."""
-
-FEWEST_BLOCKS = 8
-"""Blocks are never so long that the recording has fewer: their scatter would say nothing."""
-
-ALIKE = 0.3
-"""Lag-1 autocorrelation from which a recording is said to be worth fewer poses: (1 + ρ)/(1 − ρ) is
-then 1.9, and a standard error that ignores it 27 % too small."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +44,9 @@ class PivotCalibration:
         How many independent poses would tell as much.
     cone_deg
         Apex angle of the cone whose poses would turn the instrument as much about its weakest axis.
+    halves_mm
+        Distance between the pivots of the first and of the second half of the recording, mm: what
+        the rms does not show.
     """
 
     pivot_mm: Floats
@@ -61,6 +58,7 @@ class PivotCalibration:
     lag_one: float
     effective_count: float
     cone_deg: float
+    halves_mm: float
 
     def __post_init__(self) -> None:
         shapes: dict[str, tuple[int | None, ...]] = {
@@ -94,8 +92,7 @@ def calibrate_pivot(rotations: ArrayLike, translations_mm: ArrayLike) -> PivotCa
 
     References
     ----------
-    Z. Yaniv, doi:10.1117/12.2081348 (the algebraic one-step method). H. Künsch,
-    doi:10.1214/aos/1176347265 (blocks).
+    Z. Yaniv, doi:10.1117/12.2081348 (the algebraic one-step method).
 
     Examples
     --------
@@ -125,18 +122,18 @@ def calibrate_pivot(rotations: ArrayLike, translations_mm: ArrayLike) -> PivotCa
     unknowns = np.linalg.solve(normal.sum(axis=0), right.sum(axis=0))
     misses = origins - middle - rows @ unknowns
     squares = np.vecdot(misses, misses)
-    lag_one = _lag_one(misses)
-    worth = (1 - max(lag_one, 0.0)) / (1 + max(lag_one, 0.0))
+    alike = lag_one(misses)
     return PivotCalibration(
         pivot_mm=unknowns[:3] + middle,
         tip_mm=unknowns[3:],
-        covariance_mm2=_block_covariance(rows, misses, lag_one),
+        covariance_mm2=block_covariance(rows, misses),
         rms_mm=float(np.sqrt(squares.mean())),
         max_mm=float(np.sqrt(squares.max())),
         misses_mm=misses,
-        lag_one=lag_one,
-        effective_count=len(R) * worth,
+        lag_one=alike,
+        effective_count=len(R) * worth(alike),
         cone_deg=cone_deg,
+        halves_mm=float(np.linalg.norm(halves_apart(rows, misses)[:3])),
     )
 
 
@@ -157,8 +154,8 @@ def pivot_findings(found: PivotCalibration) -> tuple[Finding, ...]:
                 "warning",
                 f"successive misses are alike (autocorrelation {found.lag_one:.2f}): "
                 f"{len(found.misses_mm)} poses tell as much as {found.effective_count:.0f} "
-                "independent ones; the stated uncertainty takes it into account, the rms does not "
-                "show it",
+                f"independent ones, and the pivots of its two halves are {found.halves_mm:.1f} mm "
+                "apart; the stated uncertainty takes it into account, the rms does not show it",
                 "spread the poses: pause, and take single ones in all directions",
             )
         )
@@ -181,35 +178,3 @@ def _turned_deg(R: Floats) -> float:
             next_step="tilt it about all axes, as in a cone of at least 20°, better 57°",
         )
     return cone_deg
-
-
-def _lag_one(misses: Floats) -> float:
-    """Return the autocorrelation of successive misses, at most 0.999."""
-    total = float(np.vecdot(misses, misses).sum())
-    if total == 0:
-        return 0.0
-    return min(float(np.vecdot(misses[1:], misses[:-1]).sum()) / total, 0.999)
-
-
-def _block_covariance(rows: Floats, misses: Floats, lag_one: float) -> Floats:
-    """Return the covariance of the unknowns from the scatter of blocks of the recording.
-
-    This is what solving recordings drawn from all blocks of one length gives, to first order, in
-    closed form: N⁻¹ (Σ sₖsₖᵀ / L) N⁻¹ with sₖ the sum of Aᵢᵀeᵢ over block k. A block is as long as
-    the misses stay alike, (1 + ρ)/(1 − ρ) poses. It holds 57 % of the variance, or less where the
-    recording is too short for such blocks; the rest, which goes from block to block, is added as
-    for a first-order autoregression.
-    """
-    count, alike = len(rows), max(lag_one, 0.0)
-    worth = (1 - alike) / (1 + alike)
-    length = int(np.clip(np.ceil(1 / worth), 1, count // FEWEST_BLOCKS))
-    held = 1 - 2 * alike * (1 - alike**length) / ((1 - alike**2) * length)
-    scores = np.einsum("nij,ni->nj", rows, misses)
-    running = np.cumsum(np.concatenate([np.zeros((1, 6)), scores, scores[:length]]), axis=0)
-    blocks = running[length : length + count] - running[:count]
-    inverse = np.linalg.inv((np.swapaxes(rows, 1, 2) @ rows).sum(axis=0))
-    # The fit has taken six of the misses' 3n degrees of freedom, n as many as are independent.
-    freedom = max(3 * count * worth, 9.0)
-    factor = freedom / (freedom - 6) / (length * held)
-    covariance: Floats = factor * inverse @ (blocks.T @ blocks) @ inverse
-    return covariance
