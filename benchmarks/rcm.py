@@ -222,32 +222,39 @@ def weighting(own_mm: float, degenerate: float, tail: float, *, sessions: int) -
     )
 
 
-def main() -> None:
-    """Print every table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sets", type=int, default=700, help="hard sets of each kind")
-    parser.add_argument("--sessions", type=int, default=1000, help="for the weighted point")
-    options = parser.parse_args()
-    proofs(options.sets)
-    print("\nminimax RCM: mean of the best ms, and how many times longer the others take")
+def speeds() -> None:
+    """Print the table of speeds."""
+    print("minimax RCM: mean of the best ms, and how many times longer the others take")
     print(
         f"{'lines':>8} {'Pivometer':>10} {'direct':>9} {'prepared':>9} {'CVXPY':>10} "
         f"{'own gap':>9} {'Clarabel':>9}"
     )
     for count, problems, repeats in [(10, 20, 40), (70, 10, 20), (10_000, 1, 3), (1_000_000, 1, 1)]:
         compare(count, problems=problems, repeats=repeats)
-    print("\nboth points and the cone: processor seconds, MB at the peak, µs a line")
+
+
+def growths() -> None:
+    """Print the table of growth."""
+    print("solve, both points and the cone: processor seconds, MB at the peak, µs a line")
     for count in (1_000, 10_000, 100_000, 1_000_000):
         growth(count)
-    print("\n|p₂ − p∞| in mm over 300 sets of lines (the paper: about 1e-8), relative to the rms,")
+
+
+def points() -> None:
+    """Print the table of the two points."""
+    print("|p₂ − p∞| in mm over 300 sets of lines (the paper: about 1e-8), relative to the rms,")
     print("and how much larger the maximum is at p₂")
     print(f"{'':>21} {'median':>10} {'least':>10} {'largest':>10} {'/ rms':>10} {'max':>11}")
     for count in (20, 70, 200):
         separations("gold standard", gold_lines, count, 300)
     separations("da Vinci", davinci_lines, 70, 300)
     separations("mirrored", mirrored_lines, 70, 300)
+
+
+def weightings(sessions: int) -> None:
+    """Print the table of the weighted point."""
     print(
-        "\nlocation error, rms mm, and how often 95 % regions hold the RCM; 40 lines, 0.02 mm noise"
+        "location error, rms mm, and how often 95 % regions hold the RCM; 40 lines, 0.02 mm noise"
     )
     print(
         f"{'own, mm':>8} {'known badly':>12} {'t, dof':>8} {'LS':>9} {'weighted':>9} {'LS':>10} "
@@ -260,7 +267,27 @@ def main() -> None:
         (0.1, 0.2, 1e6),
         (0.1, 0.2, 5),
     ]:
-        weighting(own, part, tail, sessions=options.sessions)
+        weighting(own, part, tail, sessions=sessions)
+
+
+def main() -> None:
+    """Print the tables: all, or those that are named."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    names = ("proofs", "growth", "points", "weighting", "speed")
+    parser.add_argument("--only", choices=names, nargs="+", default=names)
+    parser.add_argument("--sets", type=int, default=700, help="hard sets of each kind")
+    parser.add_argument("--sessions", type=int, default=1000, help="for the weighted point")
+    options = parser.parse_args()
+    tables: dict[str, Callable[[], None]] = {
+        "proofs": lambda: proofs(options.sets),
+        "growth": growths,
+        "points": points,
+        "weighting": lambda: weightings(options.sessions),
+        "speed": speeds,
+    }
+    for name in options.only:
+        tables[name]()
+        print(flush=True)
 
 
 if __name__ == "__main__":
