@@ -12,11 +12,11 @@ from pivometer.calibration.result import LengthError
 from pivometer.cli import main
 from pivometer.errors import DataError, UsageError
 from pivometer.io.result import result_text
-from pivometer.measurement import Measurement
+from pivometer.measurement import Measurement, UsedPose
 from pivometer.pipeline import check
 from pivometer.pipeline.junit import junit_text
 from pivometer.pipeline.own_error import own_error, with_own_error
-from pivometer.rcm import Finding
+from pivometer.rcm import Finding, solve
 
 Make = Callable[..., Measurement]
 
@@ -112,14 +112,27 @@ def test_without_a_nominal_diameter_the_scale_is_not_checked(make_measurement: M
     assert outcome.decision == "pass"
 
 
+def grown(measurement: Measurement, factor: float) -> Measurement:
+    """The same poses with every miss of the least-squares point larger by a factor."""
+    point = measurement.rcm.least_squares.point_mm
+    poses = []
+    for pose in measurement.poses:
+        if isinstance(pose, UsedPose):
+            axis = pose.centerline.direction
+            offset = pose.centerline.point_mm - point
+            moved = pose.centerline.point_mm + (factor - 1) * (offset - (offset @ axis) * axis)
+            pose = replace(pose, centerline=replace(pose.centerline, point_mm=moved))
+        poses.append(pose)
+    lines = [pose.centerline for pose in poses if isinstance(pose, UsedPose)]
+    rcm = solve([line.point_mm for line in lines], [line.direction for line in lines])
+    return replace(measurement, poses=tuple(poses), rcm=rcm)
+
+
 def test_a_robot_that_got_worse_is_not_passed(make_measurement: Make) -> None:
     before = good(make_measurement)
     # The same misses, larger: F(137, 137) exceeds 1.326 = 1.151² in 5 % of cases by chance.
     for growth, decision in ((1.14, "pass"), (1.17, "over"), (0.5, "pass")):
-        distances = growth * before.rcm.least_squares.distances_mm
-        worse = replace(before.rcm.least_squares, distances_mm=distances)
-        after = replace(before, rcm=replace(before.rcm, least_squares=worse))
-        outcome = check(after, 0.5, baseline=before)
+        outcome = check(grown(before, growth), 0.5, baseline=before)
         assert outcome.decision == decision
         assert outcome.baseline is not None
 
@@ -146,7 +159,8 @@ def cases(text: str) -> dict[str, str]:
 def test_junit_tells_every_condition(make_measurement: Make) -> None:
     measurement = good(make_measurement)
     passed = cases(junit_text(check(measurement, 0.5, baseline=measurement), name="a<&\x07b"))
-    assert set(passed) == {"geometry", "poses", "calibration", "diameter", "baseline", "limit"}
+    conditions = {"record", "geometry", "poses", "calibration", "diameter"}
+    assert set(passed) == conditions | {"baseline", "limit"}
     assert set(passed.values()) == {"system-out"}
     assert cases(junit_text(check(measurement, 0.05), name="x"))["limit"] == "failure"
     invalid = cases(junit_text(check(good(make_measurement, count=19), 0.5), name="x"))
@@ -189,3 +203,57 @@ def test_wrong_usage_and_unfit_data_of_the_command(
     assert main(["check", result, "--limit", "0.5", "--junit", str(junit)]) == 3
     assert cases(junit.read_text(encoding="utf-8")) == {"measurement": "error"}
     assert "no uncertainty" in capsys.readouterr().err
+    assert main(["check", str(tmp_path / "none"), "--limit", "0.5", "--junit", str(junit)]) == 2
+    assert "none: no such folder" in junit.read_text(encoding="utf-8")  # not that of the last run
+
+
+def spoiled(make: Make, change: str) -> Measurement:
+    """A result that was edited by hand, or put together from two."""
+    measurement = good(make)
+    rcm = measurement.rcm
+    if change == "largest miss":
+        return replace(measurement, rcm=replace(rcm, minimax=replace(rcm.minimax, max_mm=0.01)))
+    if change == "misses":
+        fewer = replace(rcm.least_squares, distances_mm=rcm.least_squares.distances_mm[1:])
+        return replace(measurement, rcm=replace(rcm, least_squares=fewer))
+    if change == "point":
+        moved = replace(rcm.least_squares, point_mm=rcm.least_squares.point_mm + 0.01)
+        return replace(measurement, rcm=replace(rcm, least_squares=moved))
+    return replace(measurement, poses=measurement.poses[:2])
+
+
+@pytest.mark.parametrize("change", ["largest miss", "misses", "point", "poses"])
+def test_a_result_that_does_not_agree_with_itself_decides_nothing(
+    change: str, make_measurement: Make
+) -> None:
+    outcome = check(spoiled(make_measurement, change), 0.5, guard_mm=0.1)
+    assert outcome.exit_code == 4
+    assert "record" in [one.name for one in outcome.validity if one.status == "not met"]
+    with pytest.raises(UsageError, match="baseline does not agree with itself"):
+        check(good(make_measurement), 0.5, baseline=spoiled(make_measurement, change))
+
+
+def test_a_baseline_in_another_unit_is_refused(make_measurement: Make) -> None:
+    """As if it were in metres."""
+    measurement = good(make_measurement)
+    with pytest.raises(UsageError, match="no robot changes by a factor of 100"):
+        check(measurement, 0.5, baseline=grown(measurement, 1e-3))
+
+
+def test_a_baseline_of_fewer_poses_is_compared_by_its_degrees_of_freedom(
+    make_measurement: Make,
+) -> None:
+    compared = check(
+        good(make_measurement), 0.5, baseline=good(make_measurement, count=25)
+    ).baseline
+    assert compared is not None
+    assert "(70 poses now, 25 then)" in compared.text
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1]", "[" * 100_000, '{"schema": NaN}', "\x00\xff"])
+def test_no_file_makes_a_traceback(text: str, make_measurement: Make, tmp_path: Path) -> None:
+    hostile = tmp_path / "hostile.json"
+    hostile.write_bytes(text.encode("latin-1"))
+    result = write(good(make_measurement), tmp_path / "result.json")
+    assert main(["check", str(hostile), "--limit", "0.5"]) == 2
+    assert main(["check", result, "--limit", "0.5", "--baseline", str(hostile)]) == 2

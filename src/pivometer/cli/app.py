@@ -13,7 +13,7 @@ from cyclopts.validators import Number
 
 from pivometer._version import __version__
 from pivometer.cli.faults import tell_fault, tell_internal, tell_interrupted, tell_usage
-from pivometer.errors import DataError, PivometerError, UsageError
+from pivometer.errors import PivometerError, UsageError
 
 if TYPE_CHECKING:
     from pivometer._arrays import Floats
@@ -503,12 +503,12 @@ def check(
     from pivometer.cli.show import show_check
     from pivometer.io.result import read_result
 
-    earlier = None if baseline is None else read_result(baseline)
     try:
+        earlier = None if baseline is None else read_result(baseline)
         measurement = _measured(session, rig, output)
         outcome = pipeline.check(measurement, limit, guard_mm=guard, baseline=earlier)
-    except DataError as error:
-        if junit is not None:
+    except PivometerError as error:
+        if junit is not None:  # or CI would show the file of the last run
             pipeline.write_junit(error, junit, name=str(session))
         raise
     if junit is not None:

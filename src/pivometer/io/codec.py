@@ -121,6 +121,8 @@ def read_json(path: Path) -> Any:
         what, step = f"is not UTF-8 text (byte {error.start})", "name a file Pivometer wrote"
     except json.JSONDecodeError as error:
         what, step = f"is not JSON: {error}", "write the file anew: it is damaged or cut off"
+    except RecursionError:
+        what, step = "is nested too deeply to be read", "name a file Pivometer wrote"
     raise UsageError(what, next_step=step, path=path)
 
 

@@ -8,9 +8,11 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from pivometer.errors import DataError, UsageError
+from pivometer.errors import DataError, PivometerError, UsageError
+from pivometer.geometry import distances_to_lines
 from pivometer.measurement import ImportedRig, Measurement
 from pivometer.pipeline.own_error import own_error
+from pivometer.rcm import minimax_rcm
 from pivometer.rcm.geometry_check import FEWEST_POSES_ADVISED
 from pivometer.shaft.gate import SPREAD_TOLERANCE
 from pivometer.uncertainty import Decision, guarded_decision, variance_ratio_limit
@@ -19,6 +21,13 @@ from pivometer.uncertainty.coverage import COVERAGE
 CALIBRATION_RATIO = 4.0
 """How many times smaller than the limit the error of held-out board edges must be, rms: the ratio
 of tolerance to measuring error that calibration laboratories ask for (ANSI/NCSL Z540.3)."""
+
+RECORD_TOLERANCE = 1e-6
+"""Part of the largest miss to which stated misses must follow from the stated lines: coordinates of
+a metre are stored to 1e-13 mm."""
+
+LARGEST_CHANGE = 100.0
+"""From a change of the rms miss by this factor a baseline is of another robot, or not in mm."""
 
 OWN_RULE = (
     "the 95 % interval of the robot's own largest miss: pass if its upper end keeps the limit, "
@@ -113,7 +122,7 @@ def check(
     Raises
     ------
     UsageError
-        If the limit or the guard band is not a length.
+        If the limit or the guard band is not a length, or the baseline cannot be compared.
     DataError
         If no guard band is given and the lines have no uncertainty.
     """
@@ -164,6 +173,7 @@ def _reason(decision: str, interval: tuple[float, float], limit_mm: float) -> st
 
 
 def _validity(measurement: Measurement, limit_mm: float) -> Iterator[Condition]:
+    yield _record(measurement)
     refusals = [f.text for f in measurement.findings if f.severity == "refusal"]
     yield _condition("geometry", not refusals, "; ".join(refusals) or "no finding refuses it")
     count = len(measurement.used)
@@ -182,6 +192,28 @@ def _validity(measurement: Measurement, limit_mm: float) -> Iterator[Condition]:
             f"the noise stated for the edges explains {own.instrument_rms_mm:.3g} mm rms of the "
             f"{measurement.rcm.least_squares.rms_mm:.3g} mm seen",
         )
+
+
+def _record(measurement: Measurement) -> Condition:
+    """Hold the stated misses against the lines that are stated beside them."""
+    used, both = measurement.used, (measurement.rcm.minimax, measurement.rcm.least_squares)
+    if any(len(point.distances_mm) != len(used) for point in both):
+        return Condition("record", "not met", f"{len(used)} poses count, but not as many misses")
+    points = [pose.centerline.point_mm for pose in used]
+    directions = [pose.centerline.direction for pose in used]
+    try:
+        least = minimax_rcm(points, directions).max_mm
+    except PivometerError as error:
+        return Condition("record", "not met", error.what)
+    differ = [abs(measurement.rcm.minimax.max_mm - least)]
+    for point in both:
+        distances = distances_to_lines(point.point_mm, points, directions)
+        differ.append(float(np.abs(point.distances_mm - distances).max()))
+    return _condition(
+        "record",
+        max(differ) <= RECORD_TOLERANCE * least,
+        f"the stated misses differ by {max(differ):.1g} mm from those of the stated centerlines",
+    )
 
 
 def _calibrated(measurement: Measurement, most_mm: float) -> Condition:
@@ -214,14 +246,27 @@ def _diameter(measurement: Measurement) -> Condition:
 
 def _compared(measurement: Measurement, earlier: Measurement) -> Condition:
     """Tell whether the rms miss has grown by more than chance explains."""
+    record = _record(earlier)
+    if record.status != "met":
+        raise UsageError(
+            f"the baseline does not agree with itself: {record.text}",
+            next_step="name a result.json as Pivometer wrote it",
+        )
     variances, freedoms = zip(*map(_variance, (measurement, earlier)), strict=True)
     largest = variance_ratio_limit(*freedoms, coverage=COVERAGE)
     now, then = np.sqrt(variances)
+    if not now / LARGEST_CHANGE < then < now * LARGEST_CHANGE:
+        raise UsageError(
+            f"the rms miss a component is {now:.4g} mm, the baseline's {then:.4g} mm: no robot "
+            f"changes by a factor of {LARGEST_CHANGE:g}",
+            next_step="name a result of the same robot, as Pivometer wrote it",
+        )
     return _condition(
         "baseline",
         variances[0] <= largest * variances[1],
         f"the rms miss a component is {now:.4f} mm, it was {then:.4f} mm; by chance it grows to "
-        f"{then * np.sqrt(largest):.4f} mm in 5 % of cases",
+        f"{then * np.sqrt(largest):.4f} mm in 5 % of cases ({len(measurement.used)} poses now, "
+        f"{len(earlier.used)} then)",
     )
 
 

@@ -31,8 +31,9 @@ def write_junit(outcome: CheckOutcome | PivometerError, file: Path | str, *, nam
 def junit_text(outcome: CheckOutcome | PivometerError, *, name: str) -> str:
     """Return the text: one test case for each condition, for the limit, and for the baseline."""
     if isinstance(outcome, PivometerError):
-        step = f"{outcome.what}; next: {outcome.next_step}"
-        cases, counts = [_case("measurement", "error", step)], (1, 0, 1, 0)
+        where = f"{outcome.path}: " if outcome.path else ""
+        said = f"{where}{outcome.what}; next: {outcome.next_step}"
+        cases, counts = [_case("measurement", "error", said)], (1, 0, 1, 0)
     else:
         cases = [_condition_case(condition) for condition in outcome.validity]
         if outcome.baseline is not None:
