@@ -39,6 +39,8 @@ SHAPES = {
     "normals": (2, 3),
     "normals_covariance": (6, 6),
     **dict.fromkeys(("sigma_px", "angle_sigma_rad", "contrast", "used_part"), (2,)),
+    **dict.fromkeys(("saturated_part", "curvature_px", "curvature_sigma_px"), (2,)),
+    **dict.fromkeys(("deviation_px", "deviation_sigma_px"), (2, 16)),
     **dict.fromkeys(("covariance_mm2", "lines_mm2", "calibration_mm2", "total_mm2"), (3, 3)),
     **dict.fromkeys(("minimax_point_mm", "least_squares_point_mm"), (3,)),
     "board_mm2": (3, 3),

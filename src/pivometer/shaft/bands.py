@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
 from pivometer.cameras.model import Camera
@@ -74,6 +75,11 @@ def edge_lines(edges_px: Floats, camera: Camera) -> tuple[EdgeLine, EdgeLine]:
     return lines[0], lines[1]
 
 
+def width_px(lines: tuple[EdgeLine, EdgeLine]) -> float:
+    """Return the distance between two edges half-way along, undistorted px."""
+    return float(abs((lines[0].middle_px - lines[1].middle_px) @ lines[0].outward))
+
+
 def is_upright(edges_px: Floats) -> bool:
     """Return whether the edges run more along image columns than along rows."""
     span = np.abs(edges_px[:, 1] - edges_px[:, 0]).sum(axis=0)
@@ -81,7 +87,7 @@ def is_upright(edges_px: Floats) -> bool:
 
 
 def gather(
-    image: Floats,
+    image: NDArray[np.generic],
     camera: Camera,
     lines: tuple[EdgeLine, EdgeLine],
     *,
@@ -95,7 +101,7 @@ def gather(
     Parameters
     ----------
     image
-        The raw image, shape (height, width), float64.
+        The raw image, shape (height, width), any type.
     camera
         Its camera.
     lines
@@ -126,7 +132,12 @@ def gather(
 
 
 def _band(
-    turned: Floats, camera: Camera, line: EdgeLine, upright: bool, inner_px: float, outer_px: float
+    turned: NDArray[np.generic],
+    camera: Camera,
+    line: EdgeLine,
+    upright: bool,
+    inner_px: float,
+    outer_px: float,
 ) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
     """Return rows, grey, distance, lever, scale and validity of one edge's pixels."""
     lever = np.linspace(-1, 1, SAMPLES)

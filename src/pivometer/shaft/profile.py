@@ -74,6 +74,13 @@ class Model:
     cluttered: bool
 
     @property
+    def name(self) -> str:
+        """What the report calls it."""
+        if self.cluttered:
+            return "clutter"
+        return "limb" if self.limb else "ramp" if self.ramp else "flat"
+
+    @property
     def inside_terms(self) -> int:
         """Number of inside grey levels of a chunk."""
         return 1 + self.ramp + self.limb

@@ -1,0 +1,462 @@
+"""The quick fit of a shaft with flat grey levels: both edges by maximum likelihood.
+
+A pixel at signed distance x from an edge has the grey level B Φ(x/s) + S (1 − Φ(x/s)), with levels
+B and S of their own in every chunk of rows. Far from the edge that is B or S alone, so there only
+sums count; the profile is evaluated in the few columns where it changes. The levels are eliminated
+in closed form from every chunk's matrix of sums (Golub and Pereyra's variable projection), which
+leaves five numbers: offset and tilt of both edges, and the blur.
+
+The answer counts only where the levels *are* flat, which the far columns and the residuals tell;
+else `None`, and the caller takes a richer model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from pivometer._arrays import Floats
+from pivometer.shaft.band_map import BandMap
+from pivometer.shaft.bands import EdgeLine
+from pivometer.shaft.evidence import saturated_part
+from pivometer.shaft.fitted import FittedEdges
+
+Lines = tuple[EdgeLine, EdgeLine]
+
+CHUNK_ROWS = 24
+NEAR_SIGMAS = 4.0
+"""The profile is evaluated this far to both sides; Φ(−4) of a contrast of 160 is 0.005 levels."""
+
+FAR_PX = 16.0
+"""Reach of the grey levels' windows at usual blur. Unknown levels raise the variance by
+1 / (1 − √π s / reach): 10 % at 16 px and blur 0.85."""
+
+LEAST_FAR_PX = 4.0
+FIRST_BLUR_PX = 0.85
+GATE_SIGMAS = 5.0
+COARSE_ROWS = 100
+COARSE_FAR_PX = 4.0
+COARSE_ITERATIONS = 8
+COARSE_PX = 0.02
+"""About so many rows give the start; a step that small is followed by one under a thousandth."""
+
+ITERATIONS = 6
+GATED_ITERATIONS = 2
+STEP_LIMIT_PX = np.array([1.0, 1.0, 1.0, 1.0, 0.4])
+BLUR_RANGE_PX = (0.3, 4.0)
+CONVERGED_CHI2 = 4.0
+"""A step of under two standard deviations, a few thousandths of a pixel, is the last: the next
+would be a thousandth of it."""
+
+LARGEST_EXCESS = 1.1
+"""Residuals beside the edge may exceed the noise of both sides by a tenth in variance: what shot
+noise and a point spread that is not quite Gaussian add. Chosen, not measured."""
+
+LEAST_USED = 0.5
+LEAST_CONTRAST_NOISES = 1.0
+"""Rows whose chunk has less contrast do not show the edge: something hides it."""
+
+FLAT_SIGMAS = 3.5
+"""Levels are not flat where a trend is this many standard deviations from none: once in 2000."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Strip:
+    """The columns beside both edges, inside first, for rows along the shaft.
+
+    Parameters
+    ----------
+    near
+        Grey levels of the columns where the profile changes, shape (2, rows, k).
+    x_px, lever
+        Their distance from the first guess of the edge (raw px, positive outside), and their
+        position along it (−1 … 1); same shape.
+    scale
+        Raw px per undistorted px, shape (2, rows, 1).
+    counts, sums
+        Number and sum of the far columns inside and outside, shape (2, rows, 2).
+    trends
+        Sums of the far grey levels times their column's offset from the window's middle,
+        shape (2, rows, 2); those of the offsets' squares are `spread`, shape (2,).
+    squares
+        Sums of the squares of the far grey levels, shape (2, rows, 2).
+    valid
+        1 for a row that counts, shape (2, rows).
+    """
+
+    near: Floats
+    x_px: Floats
+    lever: Floats
+    scale: Floats
+    counts: Floats
+    sums: Floats
+    trends: Floats
+    squares: Floats
+    spread: Floats
+    valid: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """The normal equations after the levels are eliminated, at one estimate."""
+
+    information: Floats
+    gradient: Floats
+    chi2: Floats  # of every chunk, (2, chunks)
+    levels: Floats  # outside and inside, (2, chunks, 2)
+    chunk_information: Floats
+    chunk_gradient: Floats
+
+
+def strip(
+    turned: NDArray[np.generic],
+    maps: tuple[BandMap, BandMap],
+    lines: Lines,
+    *,
+    near_px: float,
+    inner_px: float,
+    outer_px: float,
+) -> Strip:
+    """Gather both edges' columns.
+
+    Parameters
+    ----------
+    turned
+        The image, turned so that the shaft is upright.
+    maps, lines
+        Where the pixels are, and the edges that distances are from.
+    near_px, inner_px, outer_px
+        Reach of the near columns, and of the far ones to both sides, raw px.
+    """
+    slant = max(m.slant for m in maps)
+    near = int(np.ceil(near_px * slant)) + 1
+    inner = max(near + 2, int(inner_px * slant))
+    outer = max(near + 2, int(outer_px * slant))
+    first = min(int(m.rows[0]) for m in maps)
+    every = int(np.diff(maps[0].rows[:2]).sum())
+    begin = [(int(m.rows[0]) - first) // every for m in maps]
+    total = max(at + len(m.rows) for at, m in zip(begin, maps, strict=True))
+    count = -(-total // CHUNK_ROWS) * CHUNK_ROWS
+    j = np.arange(-inner, outer + 1)
+    grey = np.zeros((2, count, len(j)))
+    inside = np.zeros((2, count, len(j)), dtype=bool)
+    x, lever = np.zeros((2, 2, count, 2 * near + 1))
+    scale = np.ones((2, count, 1))
+    for edge, (m, line) in enumerate(zip(maps, lines, strict=True)):
+        at = slice(begin[edge], begin[edge] + len(m.rows))
+        columns = np.rint(m.centre).astype(np.intp)[:, None] + m.outward * j
+        within = (columns >= 0) & (columns < turned.shape[1])
+        if within.all():
+            grey[edge, at] = turned[m.rows[:, None], columns]
+        else:
+            clipped = np.clip(columns, 0, turned.shape[1] - 1)
+            grey[edge, at] = np.where(within, turned[m.rows[:, None], clipped], 0)
+        inside[edge, at] = within
+        middle = columns[:, inner - near : inner + near + 1]
+        x[edge, at] = m.coordinate(line.outward, -float(line.outward @ line.middle_px), middle)
+        half = line.half_px / (line.half_px @ line.half_px)
+        lever[edge, at] = m.coordinate(half, -float(half @ line.middle_px), middle)
+        scale[edge, at, 0] = m.scale
+    x *= scale
+    place = slice(inner - near, inner + near + 1)
+    valid = inside[..., place].all(axis=-1)
+    weights = np.zeros((len(j), 4))
+    weights[: inner - near, 0] = weights[inner + near + 1 :, 1] = 1.0
+    for side, far in enumerate((slice(0, inner - near), slice(inner + near + 1, len(j)))):
+        weights[far, 2 + side] = j[far] - j[far].mean()
+    sums = grey @ weights
+    return Strip(
+        near=grey[..., place],
+        x_px=x,
+        lever=lever,
+        scale=scale,
+        counts=inside.astype(np.float64) @ weights[:, :2],
+        sums=sums[..., :2],
+        trends=sums[..., 2:],
+        squares=(grey * grey) @ weights[:, :2],
+        spread=(weights[:, 2:] ** 2).sum(axis=0),
+        valid=np.asarray(valid, dtype=np.float64),
+    )
+
+
+def linearize(
+    bands: Strip, parameters: Floats, weights: Floats, kurtosis: Floats
+) -> tuple[Step, Floats]:
+    """Return the normal equations at an estimate, and the features of the near pixels.
+
+    Parameters
+    ----------
+    bands
+        The pixels.
+    parameters
+        Offset and tilt of both edges (undistorted px) and the blur (px), shape (5,).
+    weights
+        0 or 1 for each row, shape (2, rows).
+    kurtosis
+        Sum of the fourth powers of the pixel's projected sides on each edge's normal, shape (2,):
+        a pixel is a box, not a Gaussian, and its fourth cumulant changes the profile near an axis.
+    """
+    blur = float(parameters[4])
+    offset, tilt = (parameters[k:4:2][:, None, None] for k in (0, 1))
+    x = bands.x_px - bands.scale * (offset + tilt * bands.lever)
+    z = x / blur
+    square = z * z
+    bell = np.exp(-0.5 * square)
+    bell *= weights[..., None] / (np.sqrt(2 * np.pi) * blur)
+    outside = ndtr(z)
+    outside *= weights[..., None]
+    outside += (kurtosis / (2880 * blur**3))[:, None, None] * (square - 3) * z * bell
+    count, pixels = bands.near.shape[1] // CHUNK_ROWS, CHUNK_ROWS * bands.near.shape[2]
+    features = np.empty((2, count, 6, pixels))
+    shaped = (2, count, pixels)
+    features[:, :, 0] = outside.reshape(shaped)
+    features[:, :, 1] = (weights[..., None] - outside).reshape(shaped)
+    features[:, :, 4] = (z * bell).reshape(shaped)
+    bell *= bands.scale
+    features[:, :, 2] = bell.reshape(shaped)
+    features[:, :, 3] = (bell * bands.lever).reshape(shaped)
+    features[:, :, 5] = (bands.near * weights[..., None]).reshape(shaped)
+    gram = features @ np.swapaxes(features, -1, -2)
+    _add_far(gram, bands, weights)
+    return _eliminated(gram), features
+
+
+def _add_far(gram: Floats, bands: Strip, weights: Floats) -> None:
+    """Add the far columns, where one level is 1 and the other 0, to the chunks' sums."""
+    for level, side in ((0, 1), (1, 0)):
+        gram[..., level, level] += _by_chunk(bands.counts[..., side] * weights)
+        far = _by_chunk(bands.sums[..., side] * weights)
+        gram[..., level, 5] += far
+        gram[..., 5, level] += far
+        gram[..., 5, 5] += _by_chunk(bands.squares[..., side] * weights)
+
+
+def _by_chunk(rows: Floats) -> Floats:
+    total: Floats = rows.reshape(2, -1, CHUNK_ROWS).sum(axis=-1)
+    return total
+
+
+def _eliminated(gram: Floats) -> Step:
+    """Solve every chunk's sums for its two levels; what is left tells the edges and the blur."""
+    a, b, c = gram[..., 0, 0] + 1e-9, gram[..., 0, 1], gram[..., 1, 1] + 1e-9
+    determinant = np.maximum(a * c - b * b, 1e-9)
+    inverse = (
+        np.stack([np.stack([c, -b], -1), np.stack([-b, a], -1)], -2) / determinant[..., None, None]
+    )
+    solved = inverse @ gram[..., :2, 2:]
+    rest = gram[..., 2:, 2:] - np.swapaxes(gram[..., :2, 2:], -1, -2) @ solved
+    levels = solved[..., 3]
+    step = levels[..., 0] - levels[..., 1]
+    used = (a > 1) & (c > 1)
+    step = np.where(used, step, 0.0)
+    information = rest[..., :3, :3] * (step**2)[..., None, None]
+    gradient = -rest[..., :3, 3] * step[..., None]
+    whole, right = np.zeros((5, 5)), np.zeros(5)
+    for edge, own in enumerate(([0, 1, 4], [2, 3, 4])):
+        whole[np.ix_(own, own)] += information[edge].sum(axis=0)
+        right[own] += gradient[edge].sum(axis=0)
+    return Step(whole, right, rest[..., 3, 3], levels, information, gradient)
+
+
+def fit_plain(
+    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], lines: Lines
+) -> FittedEdges | None:
+    """Return both edges if grey levels are flat beside them, else None.
+
+    Parameters
+    ----------
+    turned
+        The raw image, turned so that the shaft is upright, any type.
+    maps
+        Where its pixels are.
+    lines
+        The edges to a pixel or two, undistorted px.
+    """
+    half = _least_gap(lines) / 2
+    if half < NEAR_SIGMAS * FIRST_BLUR_PX + LEAST_FAR_PX:
+        return None
+    step = max(1, len(maps[0].rows) // COARSE_ROWS)
+    estimate = _coarse(turned, (maps[0].every(step), maps[1].every(step)), lines, half)
+    start = lines[0].moved(*estimate[:2]), lines[1].moved(*estimate[2:4])
+    near = maps[0].towards(start[0]), maps[1].towards(start[1])
+    return _fine(turned, near, start, half, float(estimate[4]))
+
+
+def _coarse(
+    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], lines: Lines, half: float
+) -> Floats:
+    """Return the parameters from a part of the rows, good to a few thousandths of a pixel."""
+    kurtosis = np.array([_kurtosis(line) for line in lines])
+    estimate = np.array([0.0, 0.0, 0.0, 0.0, FIRST_BLUR_PX])
+    reach = NEAR_SIGMAS * FIRST_BLUR_PX + 2.0 + COARSE_FAR_PX
+    bands = strip(
+        turned,
+        (maps[0].towards(lines[0]), maps[1].towards(lines[1])),
+        lines,
+        near_px=NEAR_SIGMAS * FIRST_BLUR_PX + 1.0,
+        inner_px=min(reach, half),
+        outer_px=reach,
+    )
+    weights = _flat_rows(bands)[1]
+    for _ in range(COARSE_ITERATIONS):
+        step, _ = linearize(bands, estimate, weights, kurtosis)
+        move = np.linalg.solve(step.information + 1e-9 * np.eye(5), step.gradient)
+        estimate = estimate + np.clip(move, -STEP_LIMIT_PX, STEP_LIMIT_PX)
+        estimate[4] = np.clip(estimate[4], *BLUR_RANGE_PX)
+        if np.abs(move).max() < COARSE_PX:
+            break
+    return estimate
+
+
+def _fine(
+    turned: NDArray[np.generic],
+    maps: tuple[BandMap, BandMap],
+    start: Lines,
+    half: float,
+    blur: float,
+) -> FittedEdges | None:
+    """Return the fit to all rows, or None where it does not hold."""
+    widen = max(1.0, blur)
+    bands = strip(
+        turned,
+        maps,
+        start,
+        near_px=NEAR_SIGMAS * blur + 0.5,
+        inner_px=min(FAR_PX * widen, half),
+        outer_px=FAR_PX * widen,
+    )
+    kurtosis = np.array([_kurtosis(line) for line in start])
+    estimate = np.array([0.0, 0.0, 0.0, 0.0, blur])
+    noise, weights = _flat_rows(bands)
+    for iteration in range(ITERATIONS):
+        step, features = linearize(bands, estimate, weights, kurtosis)
+        if iteration < GATED_ITERATIONS:
+            fitting = weights * _fitting_rows(bands, step, features, noise)
+            if fitting.sum() < weights.sum():
+                weights = fitting
+                continue
+        move = np.linalg.solve(step.information + 1e-9 * np.eye(5), step.gradient)
+        gain = float(move @ step.gradient)
+        estimate = estimate + np.clip(move, -STEP_LIMIT_PX, STEP_LIMIT_PX)
+        estimate[4] = np.clip(estimate[4], *BLUR_RANGE_PX)
+        if gain < CONVERGED_CHI2 * noise.mean():
+            break
+    return _judged(bands, step, features, noise, weights, estimate, start, turned.dtype)
+
+
+def _least_gap(lines: Lines) -> float:
+    """Return how far the edges are apart at the nearer end, px."""
+    other = lines[1]
+    away = (lines[0].at(np.array([-1.0, 1.0])) - other.middle_px) @ other.outward
+    return float(np.abs(away).min())
+
+
+def _kurtosis(line: EdgeLine) -> float:
+    return float((line.outward**4).sum())
+
+
+def _flat_rows(bands: Strip) -> tuple[Floats, Floats]:
+    """Return the noise variance of each side (2, 2) and which rows have their chunk's levels."""
+    count = np.maximum(bands.counts, 1)
+    mean = bands.sums / count
+    variance = (bands.squares - bands.sums * mean) / np.maximum(count - 1, 1)
+    usable = (bands.valid > 0) & (bands.counts.min(axis=-1) >= 3)
+    noise = np.array(
+        [
+            [np.median(variance[e, usable[e], side]) if usable[e].any() else 1.0 for side in (0, 1)]
+            for e in (0, 1)
+        ]
+    )
+    # The median of χ²/k is (1 − 2/9k)³ of its mean (Wilson and Hilferty).
+    freedom = np.maximum(bands.counts.max(axis=1) - 1, 1)
+    noise = np.maximum(noise / (1 - 2 / (9 * freedom)) ** 3, 1 / 12)
+    chunks = mean.reshape(2, -1, CHUNK_ROWS, 2)
+    apart = np.abs(chunks - np.median(chunks, axis=2, keepdims=True)).reshape(mean.shape)
+    limit = GATE_SIGMAS * np.sqrt(noise[:, None] / count)
+    return noise, (usable & (apart < limit).all(axis=-1)).astype(np.float64)
+
+
+def _residuals(bands: Strip, step: Step, features: Floats) -> Floats:
+    """Return grey level minus model of the near pixels, shape (2, rows, columns)."""
+    levels = step.levels[..., None]
+    residual = features[:, :, 5] - levels[:, :, 0] * features[:, :, 0]
+    residual -= levels[:, :, 1] * features[:, :, 1]
+    shaped: Floats = residual.reshape(bands.near.shape)
+    return shaped
+
+
+def _fitting_rows(bands: Strip, step: Step, features: Floats, noise: Floats) -> Floats:
+    """Return 1 for the rows whose residuals are noise."""
+    square = (_residuals(bands, step, features) ** 2).sum(axis=-1) / noise.mean(axis=1)[:, None]
+    freedom = bands.near.shape[2]
+    limit = freedom + GATE_SIGMAS * np.sqrt(2.0 * freedom)
+    return np.asarray(square < limit, dtype=np.float64)
+
+
+def _judged(
+    bands: Strip,
+    step: Step,
+    features: Floats,
+    noise: Floats,
+    weights: Floats,
+    estimate: Floats,
+    start: Lines,
+    depth: np.dtype[np.generic],
+) -> FittedEdges | None:
+    """Return the fit, or None where the levels are not flat or too few rows agree."""
+    used, valid = weights > 0, bands.valid > 0
+    if (used.sum(axis=1) < LEAST_USED * np.maximum(valid.sum(axis=1), 1)).any():
+        return None
+    residual = _residuals(bands, step, features)
+    freedom = float(used.sum() * residual.shape[2])
+    expected = float((noise.mean(axis=1) * used.sum(axis=1)).sum()) * residual.shape[2]
+    excess = float(np.einsum("ijk,ijk,ij->", residual, residual, weights)) / expected
+    if excess > LARGEST_EXCESS + FLAT_SIGMAS * np.sqrt(2 / freedom):
+        return None
+    if _trend(bands, weights, noise) > FLAT_SIGMAS:
+        return None
+    variance = float(noise.mean()) * max(1.0, excess)
+    covariance = np.linalg.inv(step.information + 1e-9 * np.eye(5)) * variance
+    contrast = step.levels[..., 0] - step.levels[..., 1]
+    slope = features[:, :, 2].reshape(residual.shape)
+    slope = slope * np.repeat(contrast, CHUNK_ROWS, axis=1)[..., None]
+    information = np.einsum("ijk,ijk->ij", slope, slope)
+    offset = -np.einsum("ijk,ijk->ij", slope, residual) / np.maximum(information, 1e-9)
+    seen = _by_chunk(weights) * (np.abs(contrast) > LEAST_CONTRAST_NOISES * np.sqrt(noise.mean()))
+    chunk = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1e-9)
+    used &= np.repeat(chunk > 0, CHUNK_ROWS, axis=1)
+    scale = bands.scale[..., 0]
+    return FittedEdges(
+        start=start,
+        parameters=estimate,
+        covariance=covariance * _inflation(step, variance),
+        contrast=(np.abs(contrast) * chunk).sum(axis=1),
+        noise_grey=float(np.sqrt(noise.mean())),
+        lever=bands.lever[..., bands.lever.shape[2] // 2],
+        offset_px=offset * scale,
+        weight=information / variance / scale**2,
+        accepted=used,
+        counted=valid,
+        saturated_part=saturated_part(bands.near, used, depth),
+        shading="flat",
+    )
+
+
+def _trend(bands: Strip, weights: Floats, noise: Floats) -> float:
+    """Return by how many standard deviations far grey levels rise or fall across the shaft."""
+    whole = weights[..., None] * (bands.counts >= bands.counts.max(axis=1, keepdims=True))
+    variance = np.maximum(whole.sum(axis=1) * bands.spread * noise, 1e-9)
+    z = (whole * bands.trends).sum(axis=1) / np.sqrt(variance)
+    return float(np.abs(z).max())
+
+
+def _inflation(step: Step, variance: float) -> float:
+    """Return how much the chunks' own offsets scatter beyond noise, at least 1."""
+    own = step.chunk_information[..., 0, 0] * variance
+    used = own > 1e-9
+    chi2 = float((step.chunk_gradient[..., 0][used] ** 2 / own[used]).sum())
+    freedom = max(int(used.sum()) - 4, 1)
+    return max(1.0, chi2 / freedom - 2 * float(np.sqrt(2 / freedom)))

@@ -1,0 +1,82 @@
+"""When a fit does not show the two edges of the seed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pivometer.cameras.model import Camera
+from pivometer.errors import ShaftNotFoundError
+from pivometer.shaft.bands import EdgeLine, width_px
+from pivometer.shaft.detection import ShaftSeed
+from pivometer.shaft.fitted import FittedEdges
+
+LEAST_ROWS = 20
+LEAST_ROW_PART = 0.25
+LEAST_CONTRAST_NOISES = 2.0
+LARGEST_SIGMA_PX = 0.5
+LEAST_WIDTH_PX = 3.0
+SEED_WIDTH_PX = 4.0
+SEED_WIDTH_PART = 0.2
+LARGEST_TAPER = 0.5
+"""Refusals: fewer rows than 20 or a quarter of the seed's; contrast under twice the noise; an
+edge known to no better than half a pixel; edges closer than 3 px, or whose distance differs from
+the seed's by more than two seeds' errors and a fifth, or from end to end by more than a half."""
+
+
+def refuse_fit(camera: Camera, fitted: FittedEdges, seed: tuple[EdgeLine, EdgeLine]) -> None:
+    """Raise `ShaftNotFoundError` where the fit does not show the two edges of the seed."""
+    lines = fitted.lines
+    refuse_width(camera, width_px(lines), width_px(seed))
+    gaps = [
+        float(abs((lines[0].at(np.array(lever)) - lines[1].middle_px) @ lines[1].outward))
+        for lever in (-1.0, 1.0)
+    ]
+    if min(gaps) < (1 - LARGEST_TAPER) * max(gaps):
+        raise ShaftNotFoundError(
+            f"camera {camera.name}: the edges found are {gaps[0]:.1f} px apart at one end and "
+            f"{gaps[1]:.1f} px at the other, not nearly parallel",
+            next_step="look at the overlay and give a hint for this pose",
+        )
+    sigma, noise = fitted.sigmas()[0], fitted.noise_grey
+    for edge, name in enumerate(("first", "second")):
+        count, total = int(fitted.accepted[edge].sum()), int(fitted.counted[edge].sum())
+        if count < max(LEAST_ROWS, LEAST_ROW_PART * total):
+            raise ShaftNotFoundError(
+                f"camera {camera.name}: only {count} of {total} rows show the {name} edge of the "
+                "shaft as one straight line",
+                next_step="look for what hides the shaft or crosses it, or shorten the region",
+            )
+        contrast = fitted.contrast[edge]
+        if contrast < LEAST_CONTRAST_NOISES * noise or sigma[edge] > LARGEST_SIGMA_PX:
+            raise ShaftNotFoundError(
+                f"camera {camera.name}: the {name} edge has a contrast of {contrast:.1f} grey "
+                f"levels at a noise of {noise:.1f} and is known to {sigma[edge]:.2f} px only",
+                next_step="put a background behind the shaft that differs from it in brightness",
+            )
+
+
+def refuse_outside(camera: Camera, seed: ShaftSeed) -> None:
+    """Raise `ShaftNotFoundError` unless both edges of the seed cross a good part of the image."""
+    lever = np.linspace(0, 1, 101)[:, None]
+    for start, end in seed.edges_px:
+        points = start + lever * (end - start)
+        limit = np.array([camera.width - 1, camera.height - 1])
+        inside = ((points >= 0) & (points <= limit)).all(axis=1)
+        length = float(inside.mean() * np.hypot(*(end - start)))
+        if length < LEAST_ROWS:
+            raise ShaftNotFoundError(
+                f"camera {camera.name}: only {length:.0f} px of an edge of the seed lie inside the "
+                f"image, outside of which nothing is seen; {LEAST_ROWS} px are needed",
+                next_step="check the hint or the region of this pose",
+            )
+
+
+def refuse_width(camera: Camera, width_px: float, seed_px: float) -> None:
+    """Raise `ShaftNotFoundError` where the edges are not as far apart as the seed's."""
+    allowed = SEED_WIDTH_PX + SEED_WIDTH_PART * seed_px
+    if width_px < LEAST_WIDTH_PX or abs(width_px - seed_px) > allowed:
+        raise ShaftNotFoundError(
+            f"camera {camera.name}: the edges found are {width_px:.1f} px apart, where the seed "
+            f"has {seed_px:.1f} px and at least {LEAST_WIDTH_PX:.0f} px are needed",
+            next_step="look at the overlay; move the camera closer if the shaft is this thin",
+        )
