@@ -1,11 +1,21 @@
 """The sum of distances proved least, trimming, and poses that stick out."""
 
+from itertools import combinations
+
 import cvxpy
 import numpy as np
 import pytest
 
+from pivometer.errors import DegenerateGeometryError
 from pivometer.geometry import distances_to_lines
-from pivometer.rcm import least_distance_rcm, least_squares_rcm, outlier_findings, trimmed_rcm
+from pivometer.rcm import (
+    least_distance_rcm,
+    least_squares_rcm,
+    outlier_findings,
+    solve,
+    trimmed_rcm,
+    with_other_points,
+)
 
 
 def test_hard_sets_are_proved_to_rounding(hard_sets):
@@ -108,6 +118,48 @@ def test_nothing_trimmed_is_least_squares(gold):
     found = trimmed_rcm(points, axes, trimmed=0)
     assert found.left_out == ()
     np.testing.assert_allclose(found.point_mm, least_squares_rcm(points, axes).point_mm, atol=1e-11)
+
+
+def squares_of(points, axes, chosen):
+    rcm = least_squares_rcm(points[list(chosen)], axes[list(chosen)])
+    return rcm.rms_mm**2 * len(chosen)
+
+
+def test_no_choice_of_lines_is_better():
+    """All choices of 6 of 8 and 8 of 10 lines, with and without gross errors."""
+    random = np.random.default_rng(9)
+    for count in [8] * 20 + [10] * 20:
+        axes = random.normal([0, 0, 2], 1, (count, 3))
+        points = random.standard_normal((count, 3))
+        points[: random.integers(3)] *= 20
+        found = trimmed_rcm(points, axes)
+        kept = count - len(found.left_out)
+        least = min(squares_of(points, axes, c) for c in combinations(range(count), kept))
+        assert found.rms_mm**2 * kept == pytest.approx(least, rel=1e-9)
+        assert found.certificate_gap < 1e-8
+
+
+def test_concentration_alone_would_not_find_it(gold, monkeypatch):
+    """The search is what makes it global: without it some answers are worse, and say so."""
+    searched = [trimmed_rcm(*gold(20, seed=seed)) for seed in range(12)]
+    assert all(found.certificate_gap < 1e-8 for found in searched)
+    monkeypatch.setattr("pivometer.rcm.trimmed.MOST_WORK", 0)
+    local = [trimmed_rcm(*gold(20, seed=seed)) for seed in range(12)]
+    assert all(found.certificate_gap == 1 for found in local)
+    assert all(a.rms_mm <= b.rms_mm * (1 + 1e-12) for a, b in zip(searched, local, strict=True))
+    assert any(a.rms_mm < 0.999 * b.rms_mm for a, b in zip(searched, local, strict=True))
+
+
+def test_lines_without_a_trimmed_point_keep_the_others(gold):
+    points, axes = gold(12)
+    axes[:10] = axes[0]
+    points[:10] = points[0] + 0.1 * np.random.default_rng(10).standard_normal((10, 3))
+    points[10:] += [5.0, 0, 0]
+    with pytest.raises(DegenerateGeometryError, match="parallel"):
+        trimmed_rcm(points, axes)
+    rcm = with_other_points(solve(points, axes), points, axes)
+    assert rcm.trimmed is None
+    assert rcm.least_distance is not None
 
 
 def test_outlying_poses_are_named(gold):

@@ -15,8 +15,9 @@ from pivometer.rcm.result import (
     TrimmedRcm,
     WeightedRcm,
 )
-from pivometer.rcm.robust import least_distance_rcm, outlier_findings, trimmed_rcm
+from pivometer.rcm.robust import least_distance_rcm, outlier_findings
 from pivometer.rcm.solution import solve, with_other_points
+from pivometer.rcm.trimmed import trimmed_rcm
 from pivometer.rcm.weighted import weighted_rcm, weighting_findings
 
 __all__ = [

@@ -135,12 +135,16 @@ class TrimmedRcm:
         Distance of each line, those left out too, shape (n,), mm.
     left_out
         Which lines do not count.
+    certificate_gap
+        How far the sum of squares of the lines that count can be above the least possible one of
+        as many lines, relative to it; 1 where nothing is proved.
     """
 
     point_mm: Floats
     rms_mm: float
     distances_mm: Floats
     left_out: tuple[int, ...]
+    certificate_gap: float
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "point_mm", read_only(checked(self.point_mm, (3,), "point_mm")))
@@ -212,7 +216,8 @@ class RcmSolution:
     cone_deg
         Apex angle of the smallest circular cone that holds all directions, signs ignored, deg.
     least_distance, trimmed
-        Two points that a few wrong lines do not move; `None` where they were not asked for.
+        Two points that a few wrong lines do not move; `None` where they were not asked for, or the
+        lines that count for the trimmed one are parallel.
     weighted
         The point for which lines count by how well they are known; `None` where that is not known.
     """

@@ -1,4 +1,4 @@
-"""RCM points that a few wrong lines do not move: least sum of distances, and trimmed least squares.
+"""The RCM point of the least sum of distances, which a few wrong lines do not move.
 
 With 3 of 70 lines grossly wrong, the least-squares point is off by ten times as much as the point
 of the least sum of distances, and the minimax point, which the wrong lines decide, by much more.
@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from pivometer._arrays import Floats
 from pivometer.errors import DegenerateGeometryError
 from pivometer.rcm.least_squares import least_squares_rcm
-from pivometer.rcm.lines import FEWEST_LINES, CentredLines, centred_lines
-from pivometer.rcm.result import Finding, LeastDistanceRcm, TrimmedRcm
+from pivometer.rcm.lines import CentredLines, centred_lines
+from pivometer.rcm.result import Finding, LeastDistanceRcm
 
 Indices = NDArray[np.intp]
 
@@ -34,9 +34,6 @@ SMOOTHING = tuple(10.0**-k for k in range(1, 9))
 
 NEWTON_STEPS = 50
 """For each smoothing; usual problems take 2 to 6."""
-
-TRIMMED_PART = 0.25
-"""Part of the lines left out by `trimmed_rcm`: as many may be wrong."""
 
 FALSE_ALARM = 0.01
 """Probability that any of the lines is called outlying where all errors are Gaussian: with the
@@ -219,67 +216,6 @@ class _Sum:
         dual /= max(1.0, float(np.sqrt(np.vecdot(dual, dual).max())))
         total = float(distances.sum())
         return abs(total + float(np.vecdot(dual, self.offsets).sum())) / total
-
-
-def trimmed_rcm(
-    points_mm: ArrayLike, directions: ArrayLike, *, trimmed: float = TRIMMED_PART
-) -> TrimmedRcm:
-    """Return the least-squares point of the nearest lines only.
-
-    From the point of the least sum of distances the nearest lines are solved for in least squares,
-    and chosen anew, until they stay the same; each round lessens their sum of squares. This is a
-    local optimum: no other choice that one more round would reach is better.
-
-    Parameters
-    ----------
-    points_mm, directions
-        A point on each line (mm) and its direction, of any length, shape (n, 3), same frame.
-    trimmed
-        Part of the lines to leave out, from 0 to under 0.5; three always count.
-
-    Raises
-    ------
-    ShapeError, TooFewPosesError, DegenerateGeometryError
-        As `least_distance_rcm`; also if the lines that count are parallel.
-
-    References
-    ----------
-    P. Rousseeuw and K. Van Driessen, doi:10.1007/s10463-005-0038-6 (concentration steps).
-
-    Examples
-    --------
-    >>> points = [[0, 0, 1], [0, 0, -1], [1, 5, 0], [-1, 9, 0], [70, 0, 0]]
-    >>> directions = [[1, 0, 0], [2, 0, 0], [0, 1, 0], [0, 1, 0], [0, 1, 1]]
-    >>> rcm = trimmed_rcm(points, directions)
-    >>> rcm.left_out, round(rcm.rms_mm, 12)
-    ((4,), 1.0)
-    """
-    lines = centred_lines(points_mm, directions)
-    count = len(lines.axes)
-    kept = max(FEWEST_LINES, int(np.ceil((1 - trimmed) * count)))
-    distances = least_distance_rcm(points_mm, directions).distances_mm
-    chosen: list[int] = []
-    while True:
-        nearest = sorted(np.argsort(distances, kind="stable")[:kept].tolist())
-        if nearest == chosen:
-            break
-        point = least_squares_rcm(*_parts(lines, nearest)).point_mm
-        after = lines.distances(point)
-        if chosen and not (after[nearest] ** 2).sum() < (distances[chosen] ** 2).sum():
-            break
-        chosen, distances = nearest, after
-    found = least_squares_rcm(*_parts(lines, chosen))
-    return TrimmedRcm(
-        point_mm=lines.centre + lines.turn @ found.point_mm,
-        rms_mm=found.rms_mm,
-        distances_mm=lines.distances(found.point_mm),
-        left_out=tuple(np.setdiff1d(np.arange(count), chosen).tolist()),
-    )
-
-
-def _parts(lines: CentredLines, chosen: list[int]) -> tuple[Floats, Floats]:
-    """Return points and directions of some lines, in the frame in which they are centred."""
-    return lines.offsets[chosen], lines.axes[chosen]
 
 
 def outlier_findings(

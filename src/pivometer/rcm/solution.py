@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pivometer.errors import DegenerateGeometryError
 from pivometer.rcm.cone import apex_deg
 from pivometer.rcm.least_squares import solve_least_squares
 from pivometer.rcm.lines import centred_lines
 from pivometer.rcm.minimax import solve_minimax
 from pivometer.rcm.result import RcmSolution
-from pivometer.rcm.robust import least_distance_rcm, trimmed_rcm
+from pivometer.rcm.robust import least_distance_rcm
+from pivometer.rcm.trimmed import trimmed_rcm
 from pivometer.rcm.weighted import weighted_rcm
 
 
@@ -81,14 +83,18 @@ def with_other_points(
     Raises
     ------
     ShapeError, TooFewPosesError, DegenerateGeometryError
-        As `least_distance_rcm`, `trimmed_rcm` and `weighted_rcm`.
+        As `least_distance_rcm` and `weighted_rcm`.
     """
     weighted = None
+    try:
+        trimmed = trimmed_rcm(points_mm, directions)
+    except DegenerateGeometryError:  # the nearest three quarters are parallel: they have no point
+        trimmed = None
     if covariances_mm2 is not None:
         weighted = weighted_rcm(points_mm, directions, covariances_mm2, common_mm=common_mm)
     return replace(
         rcm,
         least_distance=least_distance_rcm(points_mm, directions),
-        trimmed=trimmed_rcm(points_mm, directions),
+        trimmed=trimmed,
         weighted=weighted,
     )
