@@ -63,14 +63,16 @@ def solve_minimax(lines: CentredLines) -> MinimaxRcm:
     optimum = _optimum(lines)
     distances = lines.distances(optimum.point)
     largest = float(distances.max())
+    order = np.argsort(optimum.active)
+    order = order[optimum.weights[order] > GOOD_GAP]  # others are as far by chance
     return MinimaxRcm(
         point_mm=lines.centre + lines.turn @ optimum.point,
         max_mm=largest,
         rms_mm=float(np.sqrt(distances.dot(distances) / len(distances))),
         certificate_gap=_proved_gap(largest, optimum.least, len(distances)),
         distances_mm=distances,
-        active=tuple(optimum.active.tolist()),
-        weights=optimum.weights,
+        active=tuple(optimum.active[order].tolist()),
+        weights=optimum.weights[order],
     )
 
 
