@@ -10,6 +10,7 @@ from pivometer.calibration.result import RejectedView
 from pivometer.cameras import Rig
 from pivometer.geometry.rigid import RigidTransform
 from pivometer.rcm.result import Finding, RcmSolution
+from pivometer.rcm.structure import ErrorStructure
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.triangulation import Centerline
 from pivometer.uncertainty.frame import BoardFrameUncertainty
@@ -241,6 +242,9 @@ class Measurement:
     intrinsic
         The robot's own error, apart from the instrument's; `None` in files of versions that did not
         state it.
+    structure
+        Where each centerline passes the least-squares point and what that follows; `None` in files
+        of versions that did not state it.
     """
 
     rcm: RcmSolution
@@ -253,6 +257,7 @@ class Measurement:
     software: str
     board_frame: BoardFrame | None = None
     intrinsic: IntrinsicError | None = None
+    structure: ErrorStructure | None = None
 
     @property
     def reference_camera(self) -> str:

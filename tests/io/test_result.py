@@ -44,7 +44,9 @@ SHAPES = {
     **dict.fromkeys(("covariance_mm2", "lines_mm2", "calibration_mm2", "total_mm2"), (3, 3)),
     **dict.fromkeys(("minimax_point_mm", "least_squares_point_mm"), (3,)),
     "board_mm2": (3, 3),
-    "shift_mm": (3,),
+    **dict.fromkeys(("shift_mm", "shift_u_mm", "axis"), (3,)),
+    **dict.fromkeys(("misses_mm", "board_misses_mm"), (2, 3)),
+    **dict.fromkeys(("tilts_deg", "azimuths_deg", "times_s", "joints"), (2,)),
     "shift_covariance_mm2": (3, 3),
 }
 RNG = np.random.default_rng(11)

@@ -16,6 +16,7 @@ from pivometer.measurement import Measurement
 from pivometer.report.digits import error_decimals, fixed, with_uncertainty
 from pivometer.report.points import all_points_table, points_table
 from pivometer.report.setup_tables import parameter_rows
+from pivometer.report.structure_tables import structure_sentences
 from pivometer.report.tables import (
     Table,
     board_location_table,
@@ -64,6 +65,8 @@ def show_measurement(
     show_table(location_table(measurement))
     show_table(miss_table(measurement))
     show_table(all_points_table(measurement))
+    if measurement.structure is not None:
+        say(*structure_sentences(measurement.structure))
     if measurement.rejected:
         show_table(rejected_table(measurement))
     for finding in measurement.findings:

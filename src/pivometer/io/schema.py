@@ -30,6 +30,8 @@ _SHAPES = {
     "lines_mm2": (3, 3),
     "calibration_mm2": (3, 3),
     "total_mm2": (3, 3),
+    "axis": (3,),
+    "shift_u_mm": (3,),
 }
 """Arrays whose shape is the same wherever the name occurs; others are arrays of numbers."""
 

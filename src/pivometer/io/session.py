@@ -10,6 +10,7 @@
       background/<camera>/*.png         the empty scene
       reference/<camera>/<view>.png     a board fixed near the RCM
       closing/<camera>/<view>.png       the board again at the end
+      poses.csv                         joints, time and side of approach of each pose
 """
 
 import difflib
@@ -24,6 +25,7 @@ from typing import Literal
 from pivometer.calibration.board import Board
 from pivometer.errors import SessionError
 from pivometer.io.images import EXTENSIONS
+from pivometer.io.joints import FILE_NAME, PoseTable, read_pose_table
 from pivometer.io.settings import EXAMPLE, Settings, read_settings
 
 _GROUPS = ("board", "intrinsics", "shaft", "background", "reference", "closing")
@@ -81,6 +83,8 @@ class Session:
         Images by stem and camera; every image stands for itself.
     ignored
         Files and folders beside the images that are no images, by their path in the session.
+    pose_table
+        What ``poses.csv`` says of each pose; `None` without that file.
     """
 
     folder: Path
@@ -97,6 +101,7 @@ class Session:
     reference_views: Views
     closing: Views
     ignored: tuple[str, ...]
+    pose_table: PoseTable | None = None
 
     @property
     def reference(self) -> str:
@@ -194,7 +199,12 @@ def _load(root: Path) -> Session:
         reference_views=views["reference"],
         closing=views["closing"],
         ignored=tuple(ignored),
+        pose_table=_pose_table(root / FILE_NAME, views["shaft"]),
     )
+
+
+def _pose_table(file: Path, shaft: Views) -> PoseTable | None:
+    return read_pose_table(file, shaft) if file.is_file() and shaft else None
 
 
 # --- Is it a session at all? ---

@@ -37,6 +37,7 @@ from pivometer.pipeline.framing import with_board_frame
 from pivometer.pipeline.other_points import with_all_points
 from pivometer.pipeline.own_error import with_own_error
 from pivometer.pipeline.reading import Progress, ReadImage, hashes, in_threads, read, usable
+from pivometer.pipeline.structuring import with_structure
 from pivometer.rcm import geometry_findings, outlier_findings, refuse_geometry, solve
 from pivometer.rcm.result import Finding
 from pivometer.shaft.detection import SeedRejection, ShaftSeed, find_shaft
@@ -110,6 +111,7 @@ def measure(
     inputs = ({} if rig else dict(calibration.inputs)) | hashes(reads)
     measurement = _measurement(session, calibration, poses, inputs)
     measurement = with_board_frame(measurement, session, progress)
+    measurement = with_structure(measurement, session)
     return with_checks(measurement, session, progress)
 
 

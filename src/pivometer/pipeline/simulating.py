@@ -20,6 +20,7 @@ from pivometer.pipeline.reading import Progress
 from pivometer.pipeline.writing import write_measurement
 from pivometer.rcm import RcmSolution, solve
 from pivometer.report.html import SimulatedTruth
+from pivometer.simulation.session import poses_csv
 from pivometer.uncertainty import lies_within
 
 
@@ -52,7 +53,8 @@ def simulate(
     Returns
     -------
     pathlib.Path
-        The session folder, with ``session.toml``, the images and ``truth.json``.
+        The session folder, with ``session.toml``, the images, ``poses.csv`` and
+        ``truth.json``.
     """
     session = simulation.simulate(preset, poses=poses, seed=seed, **options)
     with replaced_folder(folder, mark="truth.json") as root:
@@ -61,6 +63,7 @@ def simulate(
             if progress is not None:
                 progress("rendering", done, session.image_count)
         (root / "session.toml").write_text(session.session_toml, encoding="utf-8")
+        (root / "poses.csv").write_text(poses_csv(session.motion), encoding="utf-8")
         (root / "truth.json").write_text(json.dumps(session.truth, indent=1), encoding="utf-8")
     return Path(folder)
 

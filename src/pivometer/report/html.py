@@ -20,6 +20,12 @@ from pivometer.report.digits import error_decimals, fixed
 from pivometer.report.overlays import PosePicture, pose_pictures
 from pivometer.report.points import all_points_table
 from pivometer.report.scene import scene, scene_picture
+from pivometer.report.structure_figures import direction_map, order_chart
+from pivometer.report.structure_tables import (
+    component_table,
+    pattern_table,
+    structure_sentences,
+)
 from pivometer.report.tables import Table
 from pivometer.report.target import deciding_poses, mean_shaft_view, target_plot
 from pivometer.report.thumbnails import Thumbnail
@@ -127,6 +133,7 @@ def render_html(
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
         **_figures(measurement),
         **_tables(measurement),
+        structure=_structure(measurement),
         truth=None if simulated_truth is None else _truth_table(measurement, simulated_truth),
         cards=[_card(pose, measurement, thumbnails, n) for n, pose in _numbered(measurement)],
     )
@@ -184,6 +191,20 @@ def _tables(measurement: Measurement) -> dict[str, object]:
         "setup": setup_tables.setup_table(measurement),
         "inputs": tables.input_table(measurement.inputs),
         "anchors": {name: f"pose-{n}" for name, n in numbers.items()},
+    }
+
+
+def _structure(measurement: Measurement) -> dict[str, object] | None:
+    """Return the section on the structure of the error; `None` where that is not stated."""
+    structure = measurement.structure
+    if structure is None:
+        return None
+    return {
+        "sentences": structure_sentences(structure),
+        "components": component_table(structure),
+        "patterns": pattern_table(structure) if structure.patterns else None,
+        "map": direction_map(structure),
+        "order": order_chart(structure),
     }
 
 

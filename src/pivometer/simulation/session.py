@@ -140,6 +140,15 @@ class SimulatedSession:
         return []
 
 
+def poses_csv(motion: Motion) -> str:
+    """Return the text of a simulated session's ``poses.csv``: the joint values of each pose."""
+    rows = [
+        ",".join([f"{number:03d}", *(repr(float(value)) for value in joints)])
+        for number, joints in enumerate(motion.joints)
+    ]
+    return "\n".join([",".join(["pose", *motion.joint_names]), *rows, ""])
+
+
 def session_toml(preset: str, pattern: Pattern, shaft: Shaft, rig: Rig, seed: int) -> str:
     """Return the text of a simulated session's ``session.toml``."""
     board = [

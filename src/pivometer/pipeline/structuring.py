@@ -1,0 +1,80 @@
+"""What the misses of a measurement follow, and the warnings that come of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pivometer._arrays import Floats
+from pivometer.io.joints import FILE_NAME, PoseTable
+from pivometer.io.session import Session
+from pivometer.measurement import ImportedRig, Measurement
+from pivometer.rcm import Finding
+from pivometer.rcm.structure import ErrorStructure, Pattern, error_structure
+from pivometer.uncertainty import calibration_displacements
+
+
+def with_structure(measurement: Measurement, session: Session) -> Measurement:
+    """Return a measurement that states the structure of its misses.
+
+    A drift or a jump in the course of the session is a warning: then the robot, a camera or the
+    reference moved, and one point does not describe what was measured.
+    """
+    table = session.pose_table
+    structure = structure_of(measurement, table)
+    inputs = {**measurement.inputs} | ({FILE_NAME: table.sha256} if table is not None else {})
+    findings = [_moved(pattern) for pattern in structure.found if pattern.kind == "order"]
+    return replace(
+        measurement,
+        structure=structure,
+        inputs=inputs,
+        findings=(*measurement.findings, *findings),
+    )
+
+
+def structure_of(measurement: Measurement, table: PoseTable | None = None) -> ErrorStructure:
+    """Return the structure of the misses of a measurement.
+
+    Parameters
+    ----------
+    measurement
+        What was measured.
+    table
+        What is known of the poses besides their images.
+    """
+    used, point = measurement.used, measurement.rcm.least_squares.point_mm
+    names = [pose.pose for pose in used]
+    rows = None if table is None else table.rows_of(names)
+    structure = error_structure(
+        np.stack([pose.centerline.point_mm for pose in used]),
+        np.stack([pose.centerline.direction for pose in used]),
+        poses=names,
+        covariances_mm2=np.stack([pose.centerline.position_covariance_mm2(point) for pose in used]),
+        common_mm=_calibration(measurement, point),
+        times_s=None if rows is None else rows.times_s,
+        approach=() if rows is None else rows.approach,
+        joints={} if rows is None else rows.joints,
+    )
+    if measurement.board_frame is None:
+        return structure
+    board_from_reference = measurement.board_frame.reference_from_board.inverse()
+    return replace(structure, board_misses_mm=board_from_reference.rotate(structure.misses_mm))
+
+
+def _calibration(measurement: Measurement, point: Floats) -> Floats | None:
+    """Return what the calibration moves each line by; `None` where that is unknown."""
+    calibration = measurement.calibration
+    if isinstance(calibration, ImportedRig):
+        return None
+    edges = [pose.edges for pose in measurement.used]
+    return calibration_displacements(edges, calibration.rig, calibration.covariance, point)
+
+
+def _moved(pattern: Pattern) -> Finding:
+    return Finding(
+        "warning",
+        f"something moved during the session: {pattern.text}",
+        "find out what moved (a camera, the robot's base, the reference), fix it and measure "
+        "again; or measure the parts before and after on their own",
+    )
