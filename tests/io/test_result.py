@@ -69,6 +69,7 @@ def example(kind: Any, name: str = "") -> Any:
         Board: lambda: Board("charuco", (9, 7), 15.1, 0.01, "DICT_4X4_50", 11.3),
         BoardView: lambda: BoardView("left", "board/é", [0, 3], RNG.random((2, 2)), RNG.random(2)),
         float: lambda: float(RNG.random() * 10.0 ** RNG.integers(-9, 9)),
+        bool: lambda: True,
         int: lambda: int(RNG.integers(1, 99)),
         str: lambda: f"“{name}”\n<b>",
         object: lambda: {"serial": ["A", 1, 2.5, True], "ø": {}},

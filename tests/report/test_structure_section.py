@@ -1,7 +1,7 @@
 """The section on the structure of the error: its words, tables and pictures."""
 
 from dataclasses import replace
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_the_report_has_the_section_only_where_it_is_stated(
 
 @pytest.mark.parametrize("draw", [direction_map, order_chart])
 def test_pictures_show_every_pose(structured, draw):
-    drawn = ElementTree.fromstring(str(draw(structured.structure)))  # noqa: S314 - our own
+    drawn = ET.fromstring(str(draw(structured.structure)))  # noqa: S314 - our own
     dots = [e for e in drawn.iter() if e.get("class") == "dot"]
     assert len(dots) == len(structured.used) * (3 if draw is order_chart else 1)
     box = float(drawn.get("viewBox").split()[2])
