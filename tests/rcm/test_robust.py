@@ -150,6 +150,10 @@ def test_concentration_alone_would_not_find_it(gold, monkeypatch):
     assert any(a.rms_mm < 0.999 * b.rms_mm for a, b in zip(searched, local, strict=True))
 
 
+def test_a_thousand_lines_and_more_are_not_searched_and_say_so(gold):
+    assert trimmed_rcm(*gold(1001)).certificate_gap == 1
+
+
 def test_lines_without_a_trimmed_point_keep_the_others(gold):
     points, axes = gold(12)
     axes[:10] = axes[0]

@@ -26,6 +26,9 @@ GAP = 1e-9
 MOST_WORK = 3_000_000
 """Boxes times lines after which the search ends unproved: 0.5 s."""
 
+MOST_LINES = 1000
+"""More lines are not searched: so few boxes would prove nothing."""
+
 AT_ONCE = 100_000
 """Boxes times lines that are examined at once: 10 MB."""
 
@@ -76,7 +79,7 @@ def trimmed_rcm(
     kept = max(FEWEST_LINES, int(np.ceil((1 - trimmed) * count)))
     chosen = _concentrated(lines, least_distance_rcm(points_mm, directions).distances_mm, kept)
     least = 0.0
-    if kept < count:
+    if kept < count <= MOST_LINES:
         chosen, least = _searched(lines, chosen)
     found = least_squares_rcm(lines.offsets[chosen], lines.axes[chosen])
     squares = found.rms_mm**2 * kept
