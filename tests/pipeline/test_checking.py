@@ -16,6 +16,7 @@ from pivometer.measurement import Measurement, UsedPose
 from pivometer.pipeline import check
 from pivometer.pipeline.junit import junit_text
 from pivometer.pipeline.own_error import own_error, with_own_error
+from pivometer.pipeline.structuring import structure_of
 from pivometer.rcm import Finding, solve
 
 Make = Callable[..., Measurement]
@@ -89,14 +90,21 @@ def broken(measurement: Measurement, condition: str, make: Make) -> Measurement:
         return replace(measurement, calibration=worse)
     if condition == "diameter":
         return replace(measurement, setup=replace(measurement.setup, diameter_mm=9.6))
+    if condition == "stillness":
+        moved = measurement.structure
+        patterns = [replace(p, found=p.kind == "order", text="jumps") for p in moved.patterns]
+        return replace(measurement, structure=replace(moved, patterns=tuple(patterns)))
     return with_own_error(good(make, u_mm=1.0))
 
 
-@pytest.mark.parametrize("condition", ["geometry", "poses", "calibration", "diameter", "noise"])
+@pytest.mark.parametrize(
+    "condition", ["geometry", "poses", "calibration", "diameter", "noise", "stillness"]
+)
 def test_a_condition_that_is_not_met_forbids_a_decision(
     condition: str, make_measurement: Make
 ) -> None:
     measurement = with_own_error(good(make_measurement))
+    measurement = replace(measurement, structure=structure_of(measurement))
     assert all(one.status == "met" for one in check(measurement, 0.5).validity)
     outcome = check(broken(measurement, condition, make_measurement), 0.5)
     assert (outcome.decision, outcome.exit_code) == ("invalid", 4)
@@ -159,8 +167,9 @@ def cases(text: str) -> dict[str, str]:
 def test_junit_tells_every_condition(make_measurement: Make) -> None:
     measurement = good(make_measurement)
     passed = cases(junit_text(check(measurement, 0.5, baseline=measurement), name="a<&\x07b"))
-    conditions = {"record", "geometry", "poses", "calibration", "diameter"}
+    conditions = {"record", "geometry", "joints", "stillness", "poses", "calibration", "diameter"}
     assert set(passed) == conditions | {"baseline", "limit"}
+    assert passed.pop("stillness") == "skipped"  # the made-up result does not state it
     assert set(passed.values()) == {"system-out"}
     assert cases(junit_text(check(measurement, 0.05), name="x"))["limit"] == "failure"
     invalid = cases(junit_text(check(good(make_measurement, count=19), 0.5), name="x"))

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from pivometer.rcm import cone_deg, geometry_findings, solve
+from pivometer.rcm.geometry_check import equivalent_cone_deg
+from pivometer.simulation.robots import cone_directions
 
 
 def findings(points, axes):
@@ -94,3 +96,21 @@ def test_cone_holds_all_directions_of_large_sets():
     random = np.random.default_rng(1)
     axes = random.standard_normal((100_000, 3)) * [0.1, 0.1, 0] + [0, 0, 1]
     assert cone_deg(axes) >= 2 * np.degrees(np.arctan(np.hypot(axes[:, 0], axes[:, 1]).max())) * 0.9
+
+
+def test_a_cone_that_one_pose_alone_makes_wide_is_named():
+    tilts = np.radians([15.0, -15.0] + [0.3] * 38)
+    turns = np.where(np.arange(40) < 2, 0.0, np.arange(40) * 2.4)
+    axes = np.stack(
+        [np.sin(tilts) * np.cos(turns), np.sin(tilts) * np.sin(turns), np.cos(tilts)], axis=1
+    )
+    finding = findings(np.random.default_rng(0).normal(0, 0.01, (40, 3)), axes)[0]
+    assert finding.severity == "warning"
+    assert finding.text.startswith("only few poses tilt the shaft")
+    assert "poses to add" in finding.next_step
+
+
+def test_the_equivalent_cone_of_a_filled_cone_is_that_cone():
+    for apex in (5.0, 20.0, 57.0, 90.0):
+        axes = cone_directions(4000, apex)
+        assert equivalent_cone_deg(axes) == pytest.approx(apex, rel=1e-3)

@@ -13,7 +13,7 @@ from pivometer.geometry import distances_to_lines
 from pivometer.measurement import ImportedRig, Measurement
 from pivometer.pipeline.own_error import own_error
 from pivometer.rcm import minimax_rcm
-from pivometer.rcm.geometry_check import FEWEST_POSES_ADVISED
+from pivometer.rcm.geometry_check import FEWEST_POSES_ADVISED, swept_by_one_joint
 from pivometer.shaft.gate import SPREAD_TOLERANCE
 from pivometer.uncertainty import Decision, guarded_decision, variance_ratio_limit
 from pivometer.uncertainty.coverage import COVERAGE
@@ -176,6 +176,8 @@ def _validity(measurement: Measurement, limit_mm: float) -> Iterator[Condition]:
     yield _record(measurement)
     refusals = [f.text for f in measurement.findings if f.severity == "refusal"]
     yield _condition("geometry", not refusals, "; ".join(refusals) or "no finding refuses it")
+    yield _joints(measurement)
+    yield _stillness(measurement)
     count = len(measurement.used)
     yield _condition(
         "poses",
@@ -192,6 +194,25 @@ def _validity(measurement: Measurement, limit_mm: float) -> Iterator[Condition]:
             f"the noise stated for the edges explains {own.instrument_rms_mm:.3g} mm rms of the "
             f"{measurement.rcm.least_squares.rms_mm:.3g} mm seen",
         )
+
+
+def _joints(measurement: Measurement) -> Condition:
+    """Ask for poses that more than one joint moved: else every robot seems to keep a point."""
+    swept = swept_by_one_joint(np.stack([p.centerline.direction for p in measurement.used]))
+    text = "the directions of the shaft fill a cone"
+    if swept is not None:
+        text = f"all directions lie on one circle to {np.degrees(swept[0]):.2g}°: one joint moved"
+    return _condition("joints", swept is None, text)
+
+
+def _stillness(measurement: Measurement) -> Condition:
+    """Ask for a set-up that stood still: else the misses are not the robot's."""
+    if measurement.structure is None:
+        return Condition("stillness", "not checked", "the result does not state the order's part")
+    orders = [pattern for pattern in measurement.structure.patterns if pattern.kind == "order"]
+    if not orders:
+        return Condition("stillness", "not checked", "fewer than 10 poses tell no drift")
+    return _condition("stillness", not orders[0].found, orders[0].text)
 
 
 def _record(measurement: Measurement) -> Condition:

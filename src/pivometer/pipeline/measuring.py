@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pivometer._arrays import Floats
 from pivometer._version import SOFTWARE
 from pivometer.calibration import Calibration
 from pivometer.cameras import Camera, Rig
@@ -20,6 +23,7 @@ from pivometer.errors import (
     TooFewPosesError,
     UsageError,
 )
+from pivometer.geometry.line import unit
 from pivometer.geometry.rigid import RigidTransform
 from pivometer.io.images import Image
 from pivometer.io.session import Session
@@ -43,7 +47,11 @@ from pivometer.rcm.result import Finding
 from pivometer.shaft.detection import SeedRejection, ShaftSeed, find_shaft
 from pivometer.shaft.edges import ShaftEdges, fit_edges
 from pivometer.shaft.gate import diameter_faults
-from pivometer.shaft.triangulation import Centerline, triangulate_centerline
+from pivometer.shaft.triangulation import (
+    WARN_DIHEDRAL_RAD,
+    Centerline,
+    triangulate_centerline,
+)
 from pivometer.uncertainty import (
     LinesUncertainty,
     LocationUncertainty,
@@ -239,7 +247,13 @@ def _measurement(
     points = np.stack([line.centerline.point_mm for line in lines])
     directions = np.stack([line.centerline.direction for line in lines])
     rcm = solve(points, directions)
-    findings = geometry_findings(points, directions, rcm)
+    findings = geometry_findings(
+        points,
+        directions,
+        rcm,
+        camera=calibration.rig.reference,
+        allowed=partial(_well_seen, calibration.rig, rcm.least_squares.point_mm),
+    )
     refuse_geometry(findings)
     uncertainty: LocationUncertainty | LinesUncertainty
     if isinstance(calibration, ImportedRig):
@@ -274,6 +288,14 @@ def _measurement(
         software=SOFTWARE,
     )
     return with_own_error(with_all_points(measurement))
+
+
+def _well_seen(rig: Rig, point_mm: Floats, directions: Floats) -> NDArray[np.bool_]:
+    """Tell of shaft directions at a point whether two cameras see planes far enough apart."""
+    centres = np.stack([pose.translation_mm for pose in rig.reference_from_camera])
+    normals = unit(np.cross(directions[:, None], centres - point_mm))
+    cosines = np.abs(np.einsum("nci,ndi->ncd", normals, normals))
+    return np.asarray(cosines.min(axis=(1, 2)) < np.cos(WARN_DIHEDRAL_RAD))
 
 
 def _unknown_calibration(imported: ImportedRig) -> Finding:

@@ -1,15 +1,18 @@
 """Whether the lines can be believed: what the residuals do not show, in plain words."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pivometer._arrays import Floats
 from pivometer.errors import DegenerateGeometryError
 from pivometer.rcm.cone import angles_to_axis, signed_axes
 from pivometer.rcm.lines import checked_lines
+from pivometer.rcm.pose_advice import advice_text
 from pivometer.rcm.result import Finding, RcmSolution
 
 NARROWEST_CONE_DEG = 5.0
@@ -41,7 +44,12 @@ SAME_POSE_RATIO = 1e-9
 
 
 def geometry_findings(
-    points_mm: ArrayLike, directions: ArrayLike, solution: RcmSolution
+    points_mm: ArrayLike,
+    directions: ArrayLike,
+    solution: RcmSolution,
+    *,
+    camera: str | None = None,
+    allowed: Callable[[Floats], NDArray[np.bool_]] | None = None,
 ) -> tuple[Finding, ...]:
     """Return what weakens or forbids the use of a solution, refusals first.
 
@@ -51,6 +59,8 @@ def geometry_findings(
         The lines that were solved, shape (n, 3) each, mm.
     solution
         What `solve` returned for them.
+    camera, allowed
+        For the advice which poses to add: see `advice_text`.
 
     Examples
     --------
@@ -65,10 +75,15 @@ def geometry_findings(
     points, axes = checked_lines(points_mm, directions)
     findings = [
         *_narrow_cone(solution),
+        *_few_tilted(axes, solution),
         *_one_joint(axes),
-        *_repeated(points, axes, solution),
         *_few_poses(len(axes)),
     ]
+    if findings:
+        more = advice_text(axes, camera=camera, allowed=allowed)
+        add = f"; poses to add: {more}" if more else ""
+        findings = [replace(one, next_step=one.next_step + add) for one in findings]
+    findings += _repeated(points, axes, solution)
     return tuple(sorted(findings, key=lambda finding: finding.severity != "refusal"))
 
 
@@ -106,13 +121,56 @@ def _narrow_cone(solution: RcmSolution) -> Iterator[Finding]:
         yield Finding("warning", text, "tilt the shaft more: at least 20°, better 57°, across")
 
 
-def _one_joint(axes: Floats) -> Iterator[Finding]:
-    if len(axes) < FEWEST_FOR_CIRCLE:
+def _few_tilted(axes: Floats, solution: RcmSolution) -> Iterator[Finding]:
+    """Find a cone that is wide only by a few poses: then they alone fix the axial position."""
+    cone = equivalent_cone_deg(axes)
+    if cone >= NARROW_CONE_DEG or solution.cone_deg < NARROW_CONE_DEG:
         return
+    severity: Literal["warning", "refusal"] = "warning" if cone >= NARROWEST_CONE_DEG else "refusal"
+    yield Finding(
+        severity,
+        f"only few poses tilt the shaft: its position along the shaft is as uncertain as from "
+        f"poses that fill a cone of {cone:.1f}°, though the widest are {solution.cone_deg:.0f}° "
+        "apart",
+        "tilt the shaft in most poses",
+    )
+
+
+def equivalent_cone_deg(axes: Floats) -> float:
+    """Return the apex angle of the filled cone that fixes the axial position as well, deg.
+
+    The axial variance is that of a line over Σ sin² tilt; the mean of sin² tilt over a filled cone
+    of half-angle h is 1 − (1 + c + c²)/3 with c = cos h.
+
+    Examples
+    --------
+    >>> tilts = np.radians([28.5] + [1] * 69)
+    >>> axes = np.stack([np.sin(tilts), np.zeros(70), np.cos(tilts)], axis=1)
+    >>> round(equivalent_cone_deg(axes), 1)
+    8.9
+    """
+    least = np.linalg.eigvalsh(np.eye(3) - axes.T @ axes / len(axes))[0]
+    c = (-1 + np.sqrt(max(1 + 8 - 12 * max(float(least), 0.0), 0.0))) / 2
+    return 2 * float(np.degrees(np.arccos(np.clip(c, -1, 1))))
+
+
+def swept_by_one_joint(axes: Floats) -> tuple[float, float] | None:
+    """Return by how much unit directions miss one circle and how far they spread, rms, rad.
+
+    `None` where they do not lie on one circle, or are too few to tell.
+    """
+    if len(axes) < FEWEST_FOR_CIRCLE:
+        return None
     tips, axis = signed_axes(axes)
     spread = _rms(angles_to_axis(tips, axis))
     miss = min(_circle_miss(tips, normal) for normal in _circle_normals(tips))
-    if miss < ONE_JOINT_RATIO * spread:
+    return (miss, spread) if miss < ONE_JOINT_RATIO * spread else None
+
+
+def _one_joint(axes: Floats) -> Iterator[Finding]:
+    swept = swept_by_one_joint(axes)
+    if swept is not None:
+        miss, spread = swept
         yield Finding(
             "warning",
             f"all directions lie on one circle to {np.degrees(miss):.2g}° (spread "
