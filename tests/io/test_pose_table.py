@@ -31,6 +31,11 @@ def test_everything_it_may_say(tmp_path):
     assert table.sha256 == hashlib.sha256(text.encode()).hexdigest()
 
 
+def test_rows_without_pictures_are_passed_over(tmp_path):
+    table = read(tmp_path, "pose,q_deg\n000,1\nnone,7\n001,2\n002,3\n")
+    assert (table.poses, table.joints["q_deg"].tolist()) == (POSES, [1, 2, 3])
+
+
 def test_joints_alone_are_enough(tmp_path):
     table = read(tmp_path, "pose,yaw_rad\n000,0.1\n001,0.2\n002,0.3\n")
     assert (table.times_s, table.approach) == (None, ())
@@ -52,7 +57,7 @@ def test_joints_alone_are_enough(tmp_path):
         ("pose,approach,q_deg\n000,,1\n", "line 2: approach is empty"),
         ("pose,q_deg\n000,1\n000,1\n", "line 3: pose '000' has a row already, in line 2"),
         ("pose,q_deg\n00,1\n0,1\n", "line 3: pose '000' has a row already, in line 2"),
-        ("pose,q_deg\n0002,1\n0O1,1\n", "line 3: pose '0O1' has no image under shaft/; did you"),
+        ("pose,q_deg\n000,1\n0O1,1\n002,1\n", "has no row for pose 001; its row '0O1' names"),
         ("pose,q_deg\n000,1\n", "has no row for pose 001, 002"),
     ],
 )

@@ -80,6 +80,7 @@ def read_pose_table(path: Path | str, poses: Iterable[str]) -> PoseTable:
         The file: CSV with a heading, any usual separator.
     poses
         The file stems of the session's poses. A spreadsheet's 7 or 007.png is taken for pose 007.
+        Rows of other poses, such as those whose pictures were thrown away, are passed over.
 
     Raises
     ------
@@ -97,9 +98,11 @@ def read_pose_table(path: Path | str, poses: Iterable[str]) -> PoseTable:
     titles = _titles(*rows[0], file)
     cells = [(number, _complete(number, row, titles, file)) for number, row in rows[1:]]
     at = titles.index("pose")
-    names = [_known_pose(number, row[at], known, file) for number, row in cells]
+    names = [_pose(row[at], known) for _, row in cells]
     _refuse_repeated(names, [number for number, _ in cells], file)
     _refuse_missing(names, known, file)
+    cells = [cell for cell, name in zip(cells, names, strict=True) if name in known]
+    names = [name for name in names if name in known]
     numbers = {
         title: [_number(number, title, row[column], file) for number, row in cells]
         for column, title in enumerate(titles)
@@ -142,8 +145,8 @@ def _complete(number: int, row: list[str], titles: list[str], file: Path) -> lis
     return row
 
 
-def _known_pose(number: int, cell: str, known: tuple[str, ...], file: Path) -> str:
-    """Return the pose that a cell names."""
+def _pose(cell: str, known: tuple[str, ...]) -> str:
+    """Return the pose that a cell names, or the cell where it names none."""
     name = unicodedata.normalize("NFC", cell)
     if Path(name).suffix.lower() in EXTENSIONS and name not in known:
         name = Path(name).stem
@@ -153,9 +156,7 @@ def _known_pose(number: int, cell: str, known: tuple[str, ...], file: Path) -> s
         same = [stem for stem in known if stem.isdigit() and int(stem) == int(name)]
         if len(same) == 1:
             return same[0]
-    near = difflib.get_close_matches(name, known, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    raise _wrong(number, f"pose {cell!r} has no image under shaft/{hint}", file)
+    return name
 
 
 def _refuse_repeated(names: Sequence[str], numbers: Sequence[int], file: Path) -> None:
@@ -170,7 +171,10 @@ def _refuse_missing(names: Sequence[str], known: Sequence[str], file: Path) -> N
     missing = [pose for pose in known if pose not in set(names)]
     if missing:
         shown = ", ".join(missing[:5]) + (f" and {len(missing) - 5} more" * (len(missing) > 5))
-        raise SessionError(f"has no row for pose {shown}", next_step=_STEP, path=file)
+        other = [name for name in names if name not in set(known)]
+        near = difflib.get_close_matches(missing[0], other, n=1)
+        hint = f"; its row {near[0]!r} names no pose" if near else ""
+        raise SessionError(f"has no row for pose {shown}{hint}", next_step=_STEP, path=file)
 
 
 def _number(number: int, title: str, cell: str, file: Path) -> float:
