@@ -108,14 +108,18 @@ def compare(count: int, *, problems: int, repeats: int) -> None:
     def direct() -> None:
         radii[:] = [clarabel_radius(*clarabel_problem(*lines)) for lines in sets]
 
-    own, whole = best_ms([lambda: [minimax_rcm(*lines) for lines in sets], direct], repeats)
-    found = [minimax_rcm(*lines) for lines in sets]
-    excess = max(abs(r / rcm.max_mm - 1) for r, rcm in zip(radii, found, strict=True))
-    alone = printed = "–"
+    functions: list[Callable[[], object]] = [
+        lambda: [minimax_rcm(*lines) for lines in sets],
+        direct,
+    ]
     if count <= 10_000:
         prepared = [clarabel_problem(*lines) for lines in sets]
-        solving = best_ms([lambda: [clarabel_radius(*problem) for problem in prepared]], repeats)[0]
-        alone = f"{solving / own:.2f}×"
+        functions.append(lambda: [clarabel_radius(*problem) for problem in prepared])
+    own, whole, *solving = best_ms(functions, repeats)
+    found = [minimax_rcm(*lines) for lines in sets]
+    excess = max(abs(r / rcm.max_mm - 1) for r, rcm in zip(radii, found, strict=True))
+    alone = f"{solving[0] / own:.2f}×" if solving else "–"
+    printed = "–"
     if count <= 70:
         printed = f"{best_ms([lambda: cvxpy_radius(*sets[0])], 3)[0] / (own / problems):.0f}×"
     print(

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 from pivometer._arrays import Floats, checked
 from pivometer.geometry.line import unit
-from pivometer.rcm.interior_point import smallest_ball_centre
+from pivometer.rcm.interior_point import highest, smallest_ball_centre
 
 
 def cone_deg(directions: ArrayLike) -> float:
@@ -31,14 +31,17 @@ def cone_deg(directions: ArrayLike) -> float:
 
 def apex_deg(axes: Floats) -> float:
     """Return the apex angle, deg, as `cone_deg`, of unit directions of shape (n, 3)."""
-    return 2 * float(np.degrees(angles_to_axis(*signed_axes(axes)).max()))
+    tips, axis = signed_axes(axes)
+    widest = tips[highest(-np.abs(tips @ axis))]  # to rounding; their angles are found exactly
+    return 2 * float(np.degrees(angles_to_axis(widest, axis).max()))
 
 
 def signed_axes(axes: Floats) -> tuple[Floats, Floats]:
     """Return unit directions with their signs made equal, (n, 3), and the cone's axis, (3,)."""
     centre = np.linalg.eigh(axes.T @ axes)[1][:, 2]
     for _ in range(10):  # one round is enough up to 90°
-        tips = np.where((axes @ centre < 0)[:, None], -axes, axes)
+        against = axes @ centre < 0
+        tips = np.where(against[:, None], -axes, axes) if against.any() else axes
         # Points of the unit sphere: the centre of their smallest ball lies on their cone's axis.
         centre = unit(smallest_ball_centre(tips))
         if (tips @ centre >= 0).all():

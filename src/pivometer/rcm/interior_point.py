@@ -48,6 +48,9 @@ parallel before the optimum can be as far."""
 AT_A_TIME = 24
 """How many of the farthest constraints a larger problem starts from, and adds in each round."""
 
+SAMPLE = 100
+"""Points, at most, for which the smallest ball is found first."""
+
 INTERIOR_STEPS = 80
 """Usual problems are close after 3 to 8 steps; symmetric ones go on to about 15."""
 
@@ -330,28 +333,38 @@ def _step_length(steepest: float) -> float:
 def smallest_ball_centre(points: Floats) -> Floats:
     """Return the centre, shape (3,), of the smallest ball that holds points of shape (n, 3).
 
-    It is the same problem with Pᵢ = I. It is solved for the points farthest from the mean; then the
-    farthest points outside the ball are added until there are none. A point at distance d from the
-    mean is at most d + ‖q‖ from q, so few points need to be looked at.
+    It is the same problem with Pᵢ = I. It is solved for a sample of the points; then the farthest
+    points outside the ball are added until there are none. If the ball of some points has the
+    radius r and the farthest point is at D from its centre, then the centre of the smallest ball of
+    all is at most ρ = √(D² − r²) away, and points nearer than r − ρ cannot matter.
     """
-    mean = np.ones(len(points)) @ points / len(points)
-    offsets = points - mean
-    from_mean = np.sqrt(np.vecdot(offsets, offsets))
-    size = float(from_mean.max())
+    chosen = points[:: len(points) // SAMPLE + 1]
+    origin = np.ones(len(chosen)) @ chosen / len(chosen)
+    size = float(_distances(chosen, origin).max())
+    if size == 0:  # all points of the sample are one
+        farthest = int(_distances(points, origin).argmax())
+        chosen = np.stack([points[farthest], origin])
+        size = float(_distances(chosen, origin).max())
     if size == 0:
-        return np.asarray(mean)
-    chosen = highest(from_mean)
+        return np.asarray(origin)
     while True:
         projectors = np.tile(np.eye(3), (len(chosen), 1, 1))
-        ball = Constraints(projectors, offsets[chosen] / size, 1e-10 * np.eye(3)).optimum()
-        shift, radius = ball.point * size, ball.largest * size * (1 + 1e-9)
-        near = np.flatnonzero(from_mean + np.linalg.norm(shift) * (1 + 1e-9) >= ball.largest * size)
-        moved = offsets[near] - shift
-        distances = np.sqrt(np.vecdot(moved, moved))
-        outside = np.flatnonzero(distances > radius)
+        ball = Constraints(projectors, (chosen - origin) / size, 1e-10 * np.eye(3)).optimum()
+        centre, radius = origin + size * ball.point, size * ball.largest
+        distances = _distances(points, centre)
+        reach = np.sqrt(max(float(distances.max()) ** 2 - radius**2, 0.0)) * (1 + 1e-9)
+        matter = distances >= radius - reach
+        points, distances = points[matter], distances[matter]
+        outside = np.flatnonzero(distances > radius * (1 + 1e-9))
         if len(outside) == 0:
-            return np.asarray(mean + shift)
-        chosen = np.append(chosen, near[outside[highest(distances[outside])]])
+            return np.asarray(centre)
+        chosen = np.concatenate([chosen, points[outside[highest(distances[outside])]]])
+
+
+def _distances(points: Floats, centre: Floats) -> Floats:
+    """Return the distances of points from a centre."""
+    moved = points - centre
+    return np.asarray(np.sqrt(np.vecdot(moved, moved)))
 
 
 def highest(values: Floats) -> Indices:
