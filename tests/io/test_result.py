@@ -47,6 +47,7 @@ SHAPES = {
     **dict.fromkeys(("shift_mm", "shift_u_mm", "axis"), (3,)),
     **dict.fromkeys(("misses_mm", "board_misses_mm"), (2, 3)),
     **dict.fromkeys(("tilts_deg", "azimuths_deg", "times_s", "joints"), (2,)),
+    "displacements_mm": (4, 3),
     "shift_covariance_mm2": (3, 3),
 }
 RNG = np.random.default_rng(11)

@@ -17,13 +17,14 @@ from pivometer._arrays import Floats, checked, read_only
 from pivometer.errors import ShapeError, UsageError
 
 BoardKind = Literal["checkerboard", "charuco"]
+BoardForm = Literal["flat", "bowed", "free"]
 Ids = NDArray[np.int64]
 """An int64 array of corner numbers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Board:
-    """A flat calibration board of equal squares.
+    """A calibration board of equal squares, nearly flat.
 
     Parameters
     ----------
@@ -40,6 +41,10 @@ class Board:
         Name of the predefined ArUco dictionary (``"DICT_4X4_50"``); ChArUco only.
     marker_mm
         Side of a marker, mm, smaller than a square; ChArUco only.
+    form
+        What the joint adjustment takes the board for: ``"bowed"``, a quadric instead of a plane;
+        ``"flat"``, as drawn; ``"free"``, every corner where it really is, with `square_mm` the mean
+        over the whole board.
 
     Raises
     ------
@@ -63,6 +68,7 @@ class Board:
     square_u_mm: float | None = None
     dictionary: str | None = None
     marker_mm: float | None = None
+    form: BoardForm = "bowed"
 
     def __post_init__(self) -> None:
         across, down = (int(count) for count in self.squares)
@@ -75,6 +81,13 @@ class Board:
         """Say what is wrong with this description, if anything is."""
         if self.kind not in get_args(BoardKind):
             return f"board kind {self.kind!r} is neither 'checkerboard' nor 'charuco'"
+        if self.form not in get_args(BoardForm):
+            return f"board form {self.form!r} is none of 'flat', 'bowed' and 'free'"
+        if self.form == "free" and self.looks_same_turned:
+            return (
+                f"a board of {_times(self.squares)} squares looks the same after a turn: it "
+                "cannot be told which corner is which, as form = 'free' must know"
+            )
         if min(self.squares) < (4 if self.kind == "checkerboard" else 3):
             return f"a board of {_times(self.squares)} squares has too few inner corners"
         if not (np.isfinite(self.square_mm) and self.square_mm > 0):
@@ -89,6 +102,11 @@ class Board:
         if self.marker_mm is None or not 0 < self.marker_mm < self.square_mm:
             return f"the marker size is {self.marker_mm} mm, the square size {self.square_mm} mm"
         return None
+
+    @property
+    def looks_same_turned(self) -> bool:
+        """Whether a turn in its plane leaves the pattern unchanged."""
+        return self.kind == "checkerboard" and len(self.symmetries) > 1
 
     @property
     def inner_corners(self) -> tuple[int, int]:

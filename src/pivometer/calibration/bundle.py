@@ -3,13 +3,13 @@
 Minimises the squared distance in the image, px, between the corners found and the corners of the
 known board projected by (4), (17) and (18) or a wider distortion model, over the intrinsics of
 every camera, the pose of every further camera in the reference camera's frame, and the pose of the
-board in every view.
+board in every view; on request also over the shape of the board.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pivometer._arrays import Floats
 from pivometer.calibration.arrowhead import NormalEquations, minimise, solve_scaled
 from pivometer.calibration.board import Board, BoardView
+from pivometer.calibration.board_shape import shape_modes
 from pivometer.cameras import Camera, Rig
 from pivometer.cameras.distortion import coefficient_jacobian, distort, distort_jacobian
 from pivometer.errors import CalibrationError
@@ -52,6 +53,9 @@ class BundleProblem:
     alone
         Whether only one camera saw that moment; its board pose is then kept in that camera's own
         frame and says nothing of the rig, shape (g,).
+    shape_modes
+        The b ways in which the corners may be displaced from the drawing, shape (n, 3, b), as
+        `board_shape.shape_modes` returns them; b is 0 where the board is taken as drawn.
     """
 
     corners_mm: Floats
@@ -60,6 +64,7 @@ class BundleProblem:
     camera: Ints
     moment: Ints
     alone: NDArray[np.bool_]
+    shape_modes: Floats
 
     @property
     def camera_count(self) -> int:
@@ -86,6 +91,8 @@ class BundleState:
     board_rotations, board_translations_mm
         ``reference_from_board`` of every moment (``camera_from_board`` where one camera saw it),
         shapes (m, 3, 3) and (m, 3).
+    shape_mm
+        How far the board's corners are displaced in each way of `BundleProblem.shape_modes`, (b,).
     """
 
     intrinsics: Floats
@@ -93,18 +100,23 @@ class BundleState:
     translations_mm: Floats
     board_rotations: Floats
     board_translations_mm: Floats
+    shape_mm: Floats = field(default_factory=lambda: np.zeros(0))
 
     def moved(self, shared: Floats, local: Floats) -> BundleState:
-        """Return the state after a step in `Rig.parameter_names`' order and of each board pose."""
-        inner = self.intrinsics.size
+        """Return the state after a step of the shared unknowns and of each board pose.
+
+        The shared ones stand in `Rig.parameter_names`' order, the board's shape behind them.
+        """
+        inner, rig = self.intrinsics.size, len(shared) - len(self.shape_mm)
         turn = np.zeros((len(self.intrinsics), 6))
-        turn[1:] = shared[inner:].reshape(-1, 6)
+        turn[1:] = shared[inner:rig].reshape(-1, 6)
         return BundleState(
             self.intrinsics + shared[:inner].reshape(self.intrinsics.shape),
             rotation_from_vector(turn[:, :3]) @ self.rotations,
             self.translations_mm + turn[:, 3:],
             rotation_from_vector(local[:, :3]) @ self.board_rotations,
             self.board_translations_mm + local[:, 3:],
+            self.shape_mm + shared[rig:],
         )
 
 
@@ -134,7 +146,12 @@ class BundleSolution:
 
 
 def bundle_problem(
-    views: Sequence[BoardView], board: Board, names: Sequence[str], *, weighted: bool = False
+    views: Sequence[BoardView],
+    board: Board,
+    names: Sequence[str],
+    *,
+    weighted: bool = False,
+    shaped: bool = False,
 ) -> BundleProblem:
     """Lay out board views for the adjustment, one row each, in the order given.
 
@@ -148,6 +165,8 @@ def bundle_problem(
         Names of the cameras, the reference first.
     weighted
         Weight each corner by the inverse of its ``sigma_px``, relative to the rms weight.
+    shaped
+        Whether the board's shape is unknown as far as its `form` says; else it is as drawn.
     """
     moments = {name: i for i, name in enumerate(dict.fromkeys(v.view for v in views))}
     moment = np.array([moments[view.view] for view in views], dtype=np.int64)
@@ -161,7 +180,8 @@ def bundle_problem(
     index = {name: i for i, name in enumerate(names)}
     camera = np.array([index[view.camera] for view in views], dtype=np.int64)
     alone = np.bincount(moment)[moment] == 1
-    return BundleProblem(board.corners_mm, pixels, weights, camera, moment, alone)
+    modes = shape_modes(board) if shaped else np.zeros((board.corner_count, 3, 0))
+    return BundleProblem(board.corners_mm, pixels, weights, camera, moment, alone, modes)
 
 
 def bundle_state(
@@ -180,6 +200,7 @@ def bundle_state(
         np.array([t.translation_mm for t in rig.reference_from_camera]),
         np.array([t.rotation for t in ordered]),
         np.array([t.translation_mm for t in ordered]),
+        np.zeros(problem.shape_modes.shape[2]),
     )
 
 
@@ -216,7 +237,8 @@ class _Projection:
 
 def _project(problem: BundleProblem, state: BundleState) -> _Projection:
     """Project the board of every row: (4), (18), then (17)."""
-    turned = problem.corners_mm @ np.swapaxes(state.board_rotations[problem.moment], 1, 2)
+    corners = problem.corners_mm + problem.shape_modes @ state.shape_mm
+    turned = corners @ np.swapaxes(state.board_rotations[problem.moment], 1, 2)
     frame = np.where(problem.alone[:, None, None], np.eye(3), state.rotations[problem.camera])
     centre = np.where(problem.alone[:, None], 0.0, state.translations_mm[problem.camera])
     local = turned + (state.board_translations_mm[problem.moment] - centre)[:, None]
@@ -242,41 +264,62 @@ def _errors(problem: BundleProblem, view: _Projection) -> Floats:
 
 
 def jacobian(problem: BundleProblem, state: BundleState) -> Floats:
-    """Return the derivatives of `residuals`, shape (g, n, 2, 16 + m).
+    """Return the derivatives of `residuals`, shape (g, n, 2, 16 + m + b).
 
-    By column: the camera's 4 + m intrinsics; its pose (left rotation vector, translation); the
-    board's pose (the same).
+    By column: the camera's 4 + m intrinsics; its pose (left rotation vector, translation); the b
+    coefficients of the board's shape; the board's pose (as the camera's).
     """
-    return _derivatives(problem, state, _project(problem, state))
+    columns = _derivatives(problem, state, _project(problem, state))
+    return np.moveaxis(columns, (3, 2, 1), (1, 2, 3))
 
 
 def _derivatives(problem: BundleProblem, state: BundleState, view: _Projection) -> Floats:
+    """Return `jacobian` as (g, columns, 2, n): whole rows of numbers are quicker to work on."""
     k = state.intrinsics[problem.camera][:, None]
-    q, focal, lens = view.normalized, k[..., :2], k[..., 4:]
-    inner = state.intrinsics.shape[1]
-    J = np.zeros((*q.shape, inner + 12))
+    inner, ways = state.intrinsics.shape[1], len(state.shape_mm)
+    focal = np.swapaxes(k[..., :2], 1, 2)[:, None]
+    J = np.zeros((len(k), inner + 12 + ways, 2, len(problem.corners_mm)))
     for axis in range(2):
-        J[..., axis, axis] = view.distorted[..., axis]
-        J[..., axis, 2 + axis] = 1.0
-    J[..., 4:inner] = focal[..., None] * coefficient_jacobian(q, lens)
-    # ∂pixel/∂(x, y) at fixed depth
-    by_image = (focal / view.depth[..., None])[..., None] * distort_jacobian(q, lens)
-    by_point = np.concatenate([by_image, -(by_image @ q[..., None])], axis=-1)
-    by_pose = by_point @ np.swapaxes(view.frame, 1, 2)[:, None]
-    J[..., inner + 6 : inner + 9] = _cross(view.turned[..., None, :], by_pose)
-    J[..., inner + 9 :] = by_pose
+        J[:, axis, axis] = view.distorted[..., axis]
+        J[:, 2 + axis, axis] = 1.0
+    by_lens = coefficient_jacobian(view.normalized, k[..., 4:])
+    J[:, 4:inner] = focal * np.moveaxis(by_lens, (3, 2), (1, 2))
+    by_pose = _by_point(problem, state, view)
+    J[:, inner + 6 + ways : inner + 9 + ways] = _cross(_rows(view.turned), by_pose)
+    J[:, inner + 9 + ways :] = by_pose
+    if ways:
+        turn = state.board_rotations[problem.moment]
+        by_board = np.einsum("gij,gikn->gnkj", turn, by_pose) @ problem.shape_modes
+        J[:, inner + 6 : inner + 6 + ways] = np.moveaxis(by_board, (3, 2), (1, 2))
     rig = ~(problem.alone | (problem.camera == 0))
-    J[rig, ..., inner : inner + 3] = _cross(by_pose[rig], view.local[rig][..., None, :])
-    J[rig, ..., inner + 3 : inner + 6] = -by_pose[rig]
+    J[rig, inner : inner + 3] = _cross(by_pose[rig], _rows(view.local[rig]))
+    J[rig, inner + 3 : inner + 6] = -by_pose[rig]
     return J
 
 
+def _by_point(problem: BundleProblem, state: BundleState, view: _Projection) -> Floats:
+    """Return ∂pixel/∂point in the pose's frame, shape (g, 3, 2, n): by coordinate, of x and y."""
+    k = state.intrinsics[problem.camera][:, None]
+    by_image = distort_jacobian(view.normalized, k[..., 4:])
+    x, y = view.normalized[..., 0], view.normalized[..., 1]
+    by_point = np.empty((len(k), 2, 3, len(problem.corners_mm)))
+    for axis in range(2):
+        scale = k[..., axis] / view.depth
+        by_x, by_y = scale * by_image[..., axis, 0], scale * by_image[..., axis, 1]
+        by_point[:, axis, 0], by_point[:, axis, 1] = by_x, by_y
+        by_point[:, axis, 2] = -(by_x * x + by_y * y)
+    return np.swapaxes(view.frame[:, None] @ by_point, 1, 2)
+
+
+def _rows(points: Floats) -> Floats:
+    """Return points (g, n, 3) by coordinate, as in `_by_point`: shape (g, 3, 1, n)."""
+    return np.swapaxes(points, 1, 2)[:, :, None]
+
+
 def _cross(a: Floats, b: Floats) -> Floats:
-    """Return a × b over the last axis; several times quicker than `numpy.cross` on many rows."""
-    a, b = np.broadcast_arrays(a, b)
-    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
-    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+    """Return a × b over the second axis; several times quicker than `numpy.cross` on many rows."""
+    (ax, ay, az), (bx, by, bz) = np.moveaxis(a, 1, 0), np.moveaxis(b, 1, 0)
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 
 
 def _loss(problem: BundleProblem, errors: Floats, huber_px: float | None) -> tuple[float, Floats]:
@@ -292,32 +335,44 @@ def _loss(problem: BundleProblem, errors: Floats, huber_px: float | None) -> tup
 def normal_equations(
     problem: BundleProblem, state: BundleState, huber_px: float | None = None
 ) -> NormalEquations:
-    """Linearise at `state`; shared unknowns in `Rig.parameter_names`' order."""
-    view = _project(problem, state)
+    """Linearise at `state`; the shared unknowns stand as in `BundleState.moved`."""
+    return _linearised(problem, state, _project(problem, state), huber_px)
+
+
+def _linearised(
+    problem: BundleProblem, state: BundleState, view: _Projection, huber_px: float | None
+) -> NormalEquations:
     errors = _errors(problem, view)
-    weights = _loss(problem, errors, huber_px)[1][..., None]
-    rows, inner = len(errors), state.intrinsics.shape[1]
-    J = (_derivatives(problem, state, view) * weights[..., None]).reshape(rows, -1, inner + 12)
-    r = (errors * weights).reshape(rows, -1, 1)
-    H, g = np.swapaxes(J, 1, 2) @ J, (np.swapaxes(J, 1, 2) @ r)[..., 0]
+    weights = _loss(problem, errors, huber_px)[1]
+    rows, inner, ways = len(errors), state.intrinsics.shape[1], len(state.shape_mm)
+    J = _derivatives(problem, state, view)
+    J *= weights[:, None, None]
+    J = J.reshape(rows, inner + 12 + ways, -1)
+    r = np.swapaxes(errors * weights[..., None], 1, 2).reshape(rows, -1, 1)
+    H, g = J @ np.swapaxes(J, 1, 2), (J @ r)[..., 0]
     cameras, moments = problem.camera_count, problem.moment_count
-    d, own_pose = (inner + 6) * cameras - 6, inner + 6
-    # the reference camera has no pose: its six columns (zero) go to spare places, cut off below
-    pose = np.where(problem.camera == 0, d, inner * cameras + 6 * (problem.camera - 1))
-    place = np.concatenate(
-        [(inner * problem.camera)[:, None] + np.arange(inner), pose[:, None] + np.arange(6)], axis=1
-    )
-    at = problem.moment
+    rig, common = (inner + 6) * cameras - 6, inner + 6 + ways
+    d = rig + ways
     shared, coupling = np.zeros((moments, d + 6, d + 6)), np.zeros((moments, d + 6, 6))
     gradient, own = np.zeros((moments, d + 6)), np.zeros((moments, 6))
     local = np.zeros((moments, 6, 6))
-    np.add.at(
-        shared, (at[:, None, None], place[:, :, None], place[:, None]), H[:, :own_pose, :own_pose]
-    )
-    np.add.at(coupling, (at[:, None], place), H[:, :own_pose, own_pose:])
-    np.add.at(gradient, (at[:, None], place), g[:, :own_pose])
-    np.add.at(local, at, H[:, own_pose:, own_pose:])
-    np.add.at(own, at, g[:, own_pose:])
+    for camera in range(cameras):  # in one moment a camera has one row, so no sum loses a term
+        mine = np.flatnonzero(problem.camera == camera)
+        at = problem.moment[mine]
+        # the reference camera has no pose: its six columns (zero) go to spare places, cut off below
+        pose = d if camera == 0 else inner * cameras + 6 * (camera - 1)
+        parts = (
+            (slice(0, inner), slice(inner * camera, inner * (camera + 1))),
+            (slice(inner, inner + 6), slice(pose, pose + 6)),
+            (slice(inner + 6, common), slice(rig, d)),
+        )
+        for here, there in parts:
+            coupling[at, there] += H[mine, here, common:]
+            gradient[at, there] += g[mine, here]
+            for other, beside in parts:
+                shared[at, there, beside] += H[mine, here, other]
+        local[at] += H[mine, common:, common:]
+        own[at] += g[mine, common:]
     return NormalEquations(shared[:, :d, :d], coupling[:, :d], local, gradient[:, :d], own)
 
 
@@ -350,12 +405,18 @@ def adjust(
     Triggs et al., "Bundle adjustment: a modern synthesis", doi:10.1007/3-540-44480-7_21; Huber
     (1964), doi:10.1214/aoms/1177703732.
     """
+    latest: list[tuple[BundleState, _Projection]] = []
 
     def cost(state: BundleState) -> float:
         view = _project(problem, state)
         if view.behind or not np.isfinite(view.pixels).all():
             return float("inf")
+        latest[:] = [(state, view)]
         return _loss(problem, _errors(problem, view), huber_px)[0]
+
+    def linearise(state: BundleState) -> NormalEquations:
+        known = latest[0][1] if latest[0][0] is state else _project(problem, state)
+        return _linearised(problem, state, known, huber_px)
 
     if not np.isfinite(cost(start)):
         raise CalibrationError(
@@ -365,13 +426,13 @@ def adjust(
     exact = 1e-20 * max(1, int(np.count_nonzero(problem.weights)))
     state = minimise(
         start,
-        linearise=lambda at: normal_equations(problem, at, huber_px),
+        linearise=linearise,
         cost=cost,
         moved=BundleState.moved,
         floor=exact,
         tolerance=tolerance,
     )
-    information, scores = normal_equations(problem, state, huber_px).reduced()
+    information, scores = linearise(state).reduced()
     unknowns = len(scores[0]) + 6 * problem.moment_count
     dof = 2 * int(np.count_nonzero(problem.weights)) - unknowns
     return BundleSolution(state, residuals(problem, state), information, scores, dof)
@@ -421,7 +482,7 @@ def gross_view(view_rms_px: Sequence[float]) -> int | None:
 
 
 def covariance(problem: BundleProblem, solution: BundleSolution) -> Floats:
-    """Return the covariance of the shared unknowns, `Rig.parameter_names`' order, shape (d, d).
+    """Return the covariance of the rig, in `Rig.parameter_names`' order, shape (d, d).
 
     The inverse of the information that all views hold, times the residual variance, times
     `view_inflation`. Over 60 simulated calibrations (20 pairs, 12 single views, 0.1 px) the squared
@@ -436,31 +497,41 @@ def covariance(problem: BundleProblem, solution: BundleSolution) -> Floats:
         If no redundancy is left or the views leave some parameter undetermined.
     """
     spread = residual_variance(problem, solution) * view_inflation(problem, solution)
-    inverse = spread * inverse_information(solution)
+    rig = rig_count(solution)
+    inverse = spread * inverse_information(solution)[:rig, :rig]
     return 0.5 * (inverse + inverse.T)
 
 
 def view_inflation(problem: BundleProblem, solution: BundleSolution) -> float:
-    """Return by how much errors common to a view raise the variance of the cameras, at least 1.
+    """Return by how much errors common to a view raise the variance of the rig, at least 1.
 
-    The scores of the views are g = Σ over corners; were the errors of the corners independent,
-    E Σ gᵀS⁻¹g = σ² (d − Σ tr(S⁻¹S_v)²) with S_v the information of view v and S their sum. The
-    ratio of the two sides estimates how much more the errors within a view add up (the design
-    effect of cluster sampling), averaged over all parameters.
+    View v moves the rig's parameters by the first rows of d_v = S⁻¹g_v, with g_v its score, S_v its
+    information and S the sum of these. Were the errors of the corners independent, the covariance
+    of g_v would be σ²(S_v − S_v S⁻¹ S_v). The ratio of Σ d_vᵀ Σ⁻¹ d_v, Σ the rig's part of S⁻¹, to
+    what this makes it estimates how much more the errors within a view add up (the design effect of
+    cluster sampling), averaged over the rig's parameters.
 
     References
     ----------
     Bell and McCaffrey (2002), "Bias reduction in standard errors for linear regression with
     multi-stage samples", Survey Methodology 28.
     """
-    inverse = inverse_information(solution)
-    leverage = solution.information @ inverse
-    expected = len(inverse) - float(np.einsum("vij,vji->", leverage, leverage))
+    inverse, rig = inverse_information(solution), rig_count(solution)
+    mine = inverse[:rig]
+    moved, through = solution.scores @ mine.T, mine @ solution.information
+    taken = through @ inverse @ np.swapaxes(through, 1, 2)
+    weight = solve_scaled(mine[:, :rig], np.eye(rig))
+    expected = rig - float(np.einsum("ij,vji->", weight, taken))
     variance = residual_variance(problem, solution)
     if expected <= 0 or variance <= 0:
         return 1.0
-    found = float(np.einsum("vi,ij,vj->", solution.scores, inverse, solution.scores))
+    found = float(np.einsum("vi,ij,vj->", moved, weight, moved))
     return max(1.0, found / (expected * variance))
+
+
+def rig_count(solution: BundleSolution) -> int:
+    """Return how many of the shared unknowns are the rig's."""
+    return len(solution.scores[0]) - len(solution.state.shape_mm)
 
 
 def residual_variance(problem: BundleProblem, solution: BundleSolution) -> float:

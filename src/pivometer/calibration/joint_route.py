@@ -9,6 +9,7 @@ import numpy as np
 
 from pivometer._arrays import Floats
 from pivometer.calibration.board import Board
+from pivometer.calibration.board_shape import BoardShape, require_seen
 from pivometer.calibration.bundle import (
     BundleProblem,
     BundleSolution,
@@ -44,11 +45,16 @@ class JointFit:
         rows = zip(self.solution.residuals_px, self.problem.weights > 0, strict=True)
         return [errors[found] for errors, found in rows]
 
+    @property
+    def board_shape(self) -> BoardShape:
+        """The board as estimated; as drawn where it was taken for flat."""
+        return BoardShape(self.problem.shape_modes @ self.solution.state.shape_mm)
+
     def rig_from(self, moments: Sequence[str], board: Board, *, weighted: bool) -> Rig:
         """Return the rig adjusted again to the named moments only."""
         kept = set(moments)
         posed = [p for p in self.posed if p.view.view in kept]
-        problem, start = _laid_out(posed, board, self.rig, weighted)
+        problem, start = laid_out(posed, board, self.rig, weighted)
         # a millionth of the cost is 0.05 of a standard uncertainty at most
         return rig_from_state(adjust(problem, start, tolerance=1e-6).state, self.rig.cameras)
 
@@ -57,6 +63,7 @@ def joint_fit(
     posed: Sequence[PosedView], board: Board, rig: Rig, weighted: bool, tree: Tree
 ) -> JointFit:
     """Adjust everything together; reject moments whose images fit no common board position."""
+    require_seen([p.view for p in posed], board)
     rejected: list[RejectedView] = []
     while True:
         fit, worst = _adjusted(posed, board, rig, weighted)
@@ -68,12 +75,12 @@ def joint_fit(
         require_pairs(posed, tree, rejected)
 
 
-def _laid_out(
+def laid_out(
     posed: Sequence[PosedView], board: Board, rig: Rig, weighted: bool
 ) -> tuple[BundleProblem, BundleState]:
     """Return the joint problem of all views and where to begin."""
     names = [camera.name for camera in rig.cameras]
-    problem = bundle_problem([p.view for p in posed], board, names, weighted=weighted)
+    problem = bundle_problem([p.view for p in posed], board, names, weighted=weighted, shaped=True)
     return problem, bundle_state(problem, rig, [p.camera_from_board for p in posed])
 
 
@@ -81,7 +88,7 @@ def _adjusted(
     posed: Sequence[PosedView], board: Board, rig: Rig, weighted: bool
 ) -> tuple[JointFit, int | None]:
     """Adjust everything together once; say which view is wrong, if one is."""
-    problem, start = _laid_out(posed, board, rig, weighted)
+    problem, start = laid_out(posed, board, rig, weighted)
     solution, worst = adjust_wary(problem, start)
     adjusted = rig_from_state(solution.state, rig.cameras)
     poses = _reposed(posed, problem, solution, adjusted)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -12,6 +12,7 @@ from pivometer._arrays import Floats
 from pivometer.calibration.board import Board, BoardView
 from pivometer.calibration.bundle import covariance, residual_variance, view_inflation
 from pivometer.calibration.distortion_choice import wider_model_note
+from pivometer.calibration.form_choice import other_form_note
 from pivometer.calibration.half_turn import (
     Numbering,
     PosedView,
@@ -65,6 +66,8 @@ __all__ = [
 ]
 
 Method = Literal["joint", "paper"]
+INFLATION_TOLD = 4.0
+"""Real boards, bowed or unevenly printed, reach this factor of the variance; pure noise 1.5."""
 
 
 def calibrate_rig(
@@ -143,10 +146,12 @@ def calibrate_rig(
     rejected += numbering.rejected + joint.rejected
     parts = _finish_joint(joint, used)
     remarks = _remarks(numbering, parts.inflation)
+    remarks += other_form_note(joint, board, weighted=weighted)
     remarks += wider_model_note(joint, used, parts.held_out)
     if method == "paper":
         parts = _finish_paper(paper, used, parts)
-    return _assembled(parts, used, paper, rejected, remarks, method)
+    made = _assembled(parts, used, paper, rejected, remarks, method)
+    return made if board.form == "flat" else replace(made, board_shape=joint.board_shape)
 
 
 def _require_known(method: str, distortion: str) -> None:
@@ -327,10 +332,10 @@ def _remarks(numbering: Numbering, inflation: float) -> tuple[str, ...]:
             f"{len(numbering.turned)} board images were numbered from the other end, because the "
             f"board looks the same after a turn: {', '.join(numbering.turned)}"
         )
-    if inflation > 4:  # real boards with 0.2–0.5 mm of bow reach this, simulated noise 1.5
+    if inflation > INFLATION_TOLD:
         notes.append(
-            "the corners of an image miss together rather than each at random, as with a board "
-            "that is not flat, unsharp images or distortion that the chosen model cannot "
+            "the corners of an image miss together rather than each at random, as with an "
+            "unevenly printed board, unsharp images or distortion that the chosen model cannot "
             f"describe; the stated uncertainty is {np.sqrt(inflation):.1f} times larger for it"
         )
     return tuple(notes)

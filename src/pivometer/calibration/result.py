@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from pivometer._arrays import Floats, checked, read_only
 from pivometer.calibration.board import Board, BoardView
+from pivometer.calibration.board_shape import BoardShape
 from pivometer.cameras import Rig
 
 
@@ -129,6 +130,8 @@ class Calibration:
         Standard deviation of one corner coordinate, from the residuals, px.
     inputs
         SHA-256 of every board image read, by its path inside the session.
+    board_shape
+        The board as the joint adjustment estimated it; `None` where it was taken for flat.
     """
 
     rig: Rig
@@ -145,6 +148,7 @@ class Calibration:
     paper: PaperRoute
     noise_px: float
     inputs: Mapping[str, str] = field(default_factory=dict)
+    board_shape: BoardShape | None = None
 
     def __post_init__(self) -> None:
         size = len(self.rig.parameter_names)

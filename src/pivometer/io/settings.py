@@ -13,9 +13,9 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
-from pivometer.calibration.board import Board
+from pivometer.calibration.board import Board, BoardForm
 from pivometer.errors import SessionError
 
 EXAMPLE = '[board] kind = "checkerboard", squares = [9, 7], square_mm = 15.0'
@@ -97,6 +97,11 @@ _KEYS: dict[str, _Key] = {
     ),
     "board.marker_mm": _Key(
         "edge length of one ChArUco marker, mm", "a number above 0, below square_mm", _is_length
+    ),
+    "board.form": _Key(
+        "what the board is taken for",
+        '"flat", "bowed" or "free"',
+        lambda value: value in get_args(BoardForm),
     ),
     "shaft.diameter_mm": _Key("nominal diameter of the shaft, mm", _LENGTH, _is_length),
     "cameras.names": _Key(

@@ -182,8 +182,8 @@ def board_text(board: Board) -> str:
 
     Examples
     --------
-    >>> board_text(Board("checkerboard", (9, 7), 15.0))
-    'checkerboard of 9 × 7 squares of 15 mm (uncertainty of the square not stated)'
+    >>> board_text(Board("checkerboard", (9, 7), 15.0, square_u_mm=0.01, form="flat"))
+    'checkerboard of 9 × 7 squares of (15.000 ± 0.010) mm, taken for flat'
     """
     across, down = board.squares
     square = f"{board.square_mm:g} mm (uncertainty of the square not stated)"
@@ -192,7 +192,8 @@ def board_text(board: Board) -> str:
     text = f"{board.kind} of {across} × {down} squares of {square}"
     if board.marker_mm is not None:
         text += f", markers {board.dictionary} of {board.marker_mm:g} mm"
-    return text
+    taken = {"flat": "taken for flat", "bowed": "its bow estimated", "free": "its shape estimated"}
+    return f"{text}, {taken[board.form]}"
 
 
 def _entries(name: str, values: Mapping[str, object]) -> list[tuple[str, str]]:
