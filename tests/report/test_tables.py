@@ -107,7 +107,10 @@ def test_setup_table_flattens_free_form_tables(measurement):
     assert rows["device, serial"] == "GS-01"
     assert rows["device, arm, number"] == "2"
     assert rows["operator, name"] == "A. Engineer"
-    assert rows["calibration board"] == "checkerboard of 9 × 7 squares of (15.000 ± 0.010) mm"
+    assert (
+        rows["calibration board"]
+        == "checkerboard of 9 × 7 squares of (15.000 ± 0.010) mm, its bow estimated"
+    )
     unknown = replace(measurement, setup=replace(measurement.setup, diameter_mm=None))
     assert dict(setup_tables.setup_table(unknown).rows)["shaft diameter, nominal"] == "not stated"
 
