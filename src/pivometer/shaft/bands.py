@@ -128,7 +128,18 @@ def gather(
             whole[edge, rows[0] : rows[-1] + 1, : part[field].shape[1]] = part[field]
         stacked.append(whole.reshape(2, chunks, chunk_rows, columns))
     grey, distance, lever, scale, valid = stacked
-    return Bands(grey, distance, lever, scale[..., :1], valid, half_width_px)
+    halves = half_width_px + tapers_px(lines) * lever[..., lever.shape[-1] // 2, None]
+    return Bands(grey, distance, lever, scale[..., :1], valid, np.maximum(halves, 1.0))
+
+
+def tapers_px(lines: tuple[EdgeLine, EdgeLine]) -> Floats:
+    """Return how much half the width grows from each edge's middle to its end, (2, 1, 1, 1)."""
+    tapers = []
+    for own, other in ((0, 1), (1, 0)):
+        ends = lines[own].at(np.array([-1.0, 1.0])) - lines[other].middle_px
+        near, far = np.abs(ends @ lines[other].outward)
+        tapers.append((far - near) / 4)
+    return np.reshape(tapers, (2, 1, 1, 1))
 
 
 def _band(

@@ -12,8 +12,10 @@ from pivometer.shaft.band_map import band_map
 from pivometer.shaft.bands import edge_lines, is_upright, width_px
 from pivometer.shaft.detection import ShaftSeed
 from pivometer.shaft.fitted import ShaftEdges, shaft_edges
+from pivometer.shaft.ladder import fit_ladder
 from pivometer.shaft.plain import fit_plain
 from pivometer.shaft.refusals import refuse_fit, refuse_outside, refuse_width
+from pivometer.shaft.rungs import Blur
 from pivometer.shaft.search import found_lines
 from pivometer.shaft.shaded import FIRST_BLUR_PX, fit_shaded
 from pivometer.shaft.silhouette import coimage_normal, normalized_line, outward_normals
@@ -71,7 +73,9 @@ def edge_normals(points_px: ArrayLike, camera: Camera) -> Floats:
     return outward_normals(coimage_normal(a, b), inside)
 
 
-def fit_edges(image: ArrayLike, camera: Camera, seed: ShaftSeed) -> ShaftEdges:
+def fit_edges(
+    image: ArrayLike, camera: Camera, seed: ShaftSeed, *, blur: Blur | None = None
+) -> ShaftEdges:
     """Return both edges of a shaft by maximum likelihood on the raw pixels beside them.
 
     Offset and angle of both edges and the blur are common to the whole shaft; grey levels are
@@ -117,6 +121,8 @@ def fit_edges(image: ArrayLike, camera: Camera, seed: ShaftSeed) -> ShaftEdges:
     step = max(1, len(maps[0].rows) // SEARCH_ROWS)
     start = found_lines(turned, (maps[0].every(step), maps[1].every(step)), first)
     fitted = fit_plain(turned, (maps[0], maps[1]), start)
+    if fitted is None:
+        fitted = fit_ladder(turned, (maps[0], maps[1]), start, blur or Blur())
     if fitted is None:
         fitted = fit_shaded(pixels, camera, start, FIRST_BLUR_PX)
     refuse_fit(camera, fitted, first)

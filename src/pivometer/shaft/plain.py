@@ -116,7 +116,7 @@ def strip(
     maps: tuple[BandMap, BandMap],
     lines: Lines,
     *,
-    near_px: float,
+    near_px: tuple[float, float],
     inner_px: float,
     outer_px: float,
 ) -> Strip:
@@ -128,13 +128,15 @@ def strip(
         The image, turned so that the shaft is upright.
     maps, lines
         Where the pixels are, and the edges that distances are from.
-    near_px, inner_px, outer_px
-        Reach of the near columns, and of the far ones to both sides, raw px.
+    near_px
+        Reach of the near columns inside and outside, raw px.
+    inner_px, outer_px
+        Reach of the far ones, raw px.
     """
     slant = max(m.slant for m in maps)
-    near = int(np.ceil(near_px * slant)) + 1
+    near, beyond = (int(np.ceil(reach * slant)) + 1 for reach in near_px)
     inner = max(near + 2, int(inner_px * slant))
-    outer = max(near + 2, int(outer_px * slant))
+    outer = max(beyond + 2, int(outer_px * slant))
     first = min(int(m.rows[0]) for m in maps)
     every = int(np.diff(maps[0].rows[:2]).sum())
     begin = [(int(m.rows[0]) - first) // every for m in maps]
@@ -143,7 +145,7 @@ def strip(
     j = np.arange(-inner, outer + 1)
     grey = np.zeros((2, count, len(j)))
     inside = np.zeros((2, count, len(j)), dtype=bool)
-    x, lever = np.zeros((2, 2, count, 2 * near + 1))
+    x, lever = np.zeros((2, 2, count, near + beyond + 1))
     scale = np.ones((2, count, 1))
     for edge, (m, line) in enumerate(zip(maps, lines, strict=True)):
         at = slice(begin[edge], begin[edge] + len(m.rows))
@@ -155,17 +157,17 @@ def strip(
             clipped = np.clip(columns, 0, turned.shape[1] - 1)
             grey[edge, at] = np.where(within, turned[m.rows[:, None], clipped], 0)
         inside[edge, at] = within
-        middle = columns[:, inner - near : inner + near + 1]
+        middle = columns[:, inner - near : inner + beyond + 1]
         x[edge, at] = m.coordinate(line.outward, -float(line.outward @ line.middle_px), middle)
         half = line.half_px / (line.half_px @ line.half_px)
         lever[edge, at] = m.coordinate(half, -float(half @ line.middle_px), middle)
         scale[edge, at, 0] = m.scale
     x *= scale
-    place = slice(inner - near, inner + near + 1)
+    place = slice(inner - near, inner + beyond + 1)
     valid = inside[..., place].all(axis=-1)
     weights = np.zeros((len(j), 4))
-    weights[: inner - near, 0] = weights[inner + near + 1 :, 1] = 1.0
-    for side, far in enumerate((slice(0, inner - near), slice(inner + near + 1, len(j)))):
+    weights[: inner - near, 0] = weights[inner + beyond + 1 :, 1] = 1.0
+    for side, far in enumerate((slice(0, inner - near), slice(inner + beyond + 1, len(j)))):
         weights[far, 2 + side] = j[far] - j[far].mean()
     sums = grey @ weights
     return Strip(
@@ -296,7 +298,7 @@ def _coarse(
         turned,
         (maps[0].towards(lines[0]), maps[1].towards(lines[1])),
         lines,
-        near_px=NEAR_SIGMAS * FIRST_BLUR_PX + 1.0,
+        near_px=(NEAR_SIGMAS * FIRST_BLUR_PX + 1.0,) * 2,
         inner_px=min(reach, half),
         outer_px=reach,
     )
@@ -324,7 +326,7 @@ def _fine(
         turned,
         maps,
         start,
-        near_px=NEAR_SIGMAS * blur + 0.5,
+        near_px=(NEAR_SIGMAS * blur + 0.5,) * 2,
         inner_px=min(FAR_PX * widen, half),
         outer_px=FAR_PX * widen,
     )

@@ -40,7 +40,8 @@ class Bands:
     valid
         1 for a pixel that counts and 0 elsewhere; same shape as `grey`.
     half_width_px
-        Half the shaft's width, raw px: where the limb's ξ is 0.
+        Half the shaft's width, raw px, in every row, shape (edges, chunks, rows, 1): the limb's ξ
+        is 0 so far inside. It varies by a fifth and more along a shaft that points at the camera.
     """
 
     grey: Floats
@@ -48,7 +49,7 @@ class Bands:
     lever: Floats
     scale: Floats
     valid: Floats
-    half_width_px: float
+    half_width_px: Floats
 
     def distances(self, parameters: Floats) -> Floats:
         """Return signed distances (raw px) from edges moved by (offset, tilt) each, (2, 2)."""
@@ -225,7 +226,7 @@ class _PairProjection:
 
 
 def _terms(
-    x: Floats, blur: float, half_width_px: float, model: Model
+    x: Floats, blur: float, half_width_px: Floats, model: Model
 ) -> tuple[Floats, Floats, Floats]:
     """Return the blurred terms (…, k) with their derivatives by distance and by blur.
 
@@ -245,7 +246,7 @@ def _terms(
         slopes.append(-inside)
         spreads.append(blur * bell)
     if model.limb:
-        table = _limb_table(x, blur, half_width_px)
+        table = limb(x, blur, half_width_px)
         values.append(table[0])
         slopes.append(table[1])
         spreads.append(table[2])
@@ -253,8 +254,23 @@ def _terms(
     return stacked[0], stacked[1], stacked[2]
 
 
+def limb(x: Floats, blur: float, half_width_px: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return √(1 − ξ²) inside the edge, blurred, with its derivatives by distance and blur.
+
+    Half widths may vary; between the least and the largest it is interpolated.
+    """
+    least, largest = float(half_width_px.min()), float(half_width_px.max())
+    high = _limb_table(x, blur, largest)
+    if largest - least < 1e-3 * largest:
+        return high
+    part = (half_width_px - least) / (largest - least)
+    low = _limb_table(x, blur, least)
+    value, slope, spread = (a + part * (b - a) for a, b in zip(low, high, strict=True))
+    return value, slope, spread
+
+
 def _limb_table(x: Floats, blur: float, half_width_px: float) -> tuple[Floats, Floats, Floats]:
-    """Return √(1 − ξ²) inside the edge, blurred, with its derivatives by distance and blur."""
+    """Return the blurred limb of one half width, with its derivatives, from a table."""
     reach = 5 * blur + 1
     first, last = float(x.min()) - reach, float(x.max()) + reach
     grid = np.arange(first, last, TABLE_STEP_PX)
