@@ -71,3 +71,14 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     (tmp_path / "latin.csv").write_bytes(b"1,2\n\xe9\n")
     with pytest.raises(UsageError, match="line 2: is not UTF-8"):
         read_lines(tmp_path / "latin.csv")
+
+
+def test_lines_in_metres(tmp_path: Path) -> None:
+    path = tmp_path / "lines.csv"
+    names = "px,py,pz,dx,dy,dz,cov_xx,cov_xy,cov_xz,cov_yy,cov_yz,cov_zz"
+    path.write_text(f"{names}\n1,2,3,0,0,1,4,0,0,4,0,4\n", encoding="utf-8")
+    lines = read_lines(path, unit_mm=1000)
+    np.testing.assert_array_equal(lines.points_mm, [[1000, 2000, 3000]])
+    np.testing.assert_array_equal(lines.directions, [[0, 0, 1]])
+    assert lines.covariances_mm2 is not None
+    np.testing.assert_array_equal(lines.covariances_mm2[0], 4e6 * np.eye(3))

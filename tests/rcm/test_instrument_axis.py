@@ -106,6 +106,21 @@ def test_known_and_estimated_axes_lead_to_the_same_rcm(tmp_path: Path, capsys) -
     assert points[0] != points[1]
 
 
+def test_a_file_in_metres_is_suspected_and_can_be_read(tmp_path: Path, capsys) -> None:
+    R, origins = recording(np.random.default_rng(9), noise=0.1)
+    path = str(write(tmp_path, R, origins / 1000))
+    tips, axes = [], []
+    for options in ([], ["--unit-mm", "1000"]):
+        assert main(["pivot", path, "--axis", "estimate", *options, "--output", str(tmp_path)]) == 0
+        axes.append("may be in metres" in capsys.readouterr().out)
+        assert main(["pivot", path, *options]) == 0
+        tips.append("may be in metres" in capsys.readouterr().out)
+    assert tips == axes == [True, False]
+    rcm = json.loads((tmp_path / "rcm.json").read_text(encoding="utf-8"))["rcm"]
+    np.testing.assert_allclose(rcm["least_squares"]["point_mm"], RCM_MM, atol=0.2)
+    assert main(["pivot", path, "--unit-mm", "0"]) == 2
+
+
 def test_alike_frames_widen_the_stated_uncertainty() -> None:
     random = np.random.default_rng(7)
     R, origins = recording(random, 60)

@@ -26,6 +26,7 @@ Kind = Literal["checkerboard", "charuco"]
 Paper = Literal["A4", "A3", "Letter"]
 
 UnitMm = Annotated[float | None, Parameter(validator=Number(gt=0))]
+FileUnitMm = Annotated[float, Parameter(validator=Number(gt=0, lt=float("inf")))]
 ImageSize = Annotated[tuple[int, int] | None, Parameter(negative="")]
 
 app = App(
@@ -367,7 +368,11 @@ Example:  pivometer solve my-session/results/centerlines.csv
 """
 )
 def solve(
-    lines: Annotated[Path, Parameter(name="LINES.csv")], /, *, output: Path | None = None
+    lines: Annotated[Path, Parameter(name="LINES.csv")],
+    /,
+    *,
+    unit_mm: FileUnitMm = 1.0,
+    output: Path | None = None,
 ) -> None:
     """Solve for the RCM of lines from a CSV file.
 
@@ -375,14 +380,17 @@ def solve(
     ----------
     lines
         Columns point_x_mm, point_y_mm, point_z_mm, direction_x, direction_y, direction_z, and pose
-        if you like; without a heading the six in this order.
+        if you like; without a heading the six in this order. With cov_xx_mm2, cov_xy_mm2,
+        cov_xz_mm2, cov_yy_mm2, cov_yz_mm2 and cov_zz_mm2 the lines are weighted, too.
+    unit_mm
+        Length of the file's unit, mm: 1000 for metres.
     output
         Folder to write rcm.json into; nothing is written where none is given.
     """
     from pivometer import pipeline
     from pivometer.cli.show import show_solution
 
-    solved = pipeline.solve_lines(lines)
+    solved = pipeline.solve_lines(lines, unit_mm=unit_mm)
     path = None if output is None else pipeline.write_solution(solved, output)
     show_solution(solved, path)
 
@@ -401,6 +409,7 @@ def pivot(
     *,
     axis: str | None = None,
     axis_point: str | None = None,
+    unit_mm: FileUnitMm = 1.0,
     output: Path | None = None,
 ) -> None:
     """Find the pivot of a tracked instrument: of its tip, or of its axis.
@@ -414,6 +423,8 @@ def pivot(
         how the instrument slides along it. Without it, its tip is taken for what stays in place.
     axis_point
         A point on that axis, x,y,z in mm; the instrument's origin where none is given.
+    unit_mm
+        Length of the file's unit, mm: 1000 for metres.
     output
         Folder to write pivot.json into, or rcm.json with --axis; nothing is written where none is
         given.
@@ -428,14 +439,14 @@ def pivot(
             next_step="give --axis x,y,z, or leave it out",
         )
     if axis is None:
-        pivoted = pipeline.solve_poses(poses)
+        pivoted = pipeline.solve_poses(poses, unit_mm=unit_mm)
         show_pivot(pivoted, None if output is None else pipeline.write_pivot(pivoted, output))
         return
     known = None
     if axis != "estimate":
         through = _three(axis_point or "0,0,0", "--axis-point")
         known = InstrumentAxis(through, _three(axis, "--axis"))
-    solved = pipeline.solve_axis(poses, known)
+    solved = pipeline.solve_axis(poses, known, unit_mm=unit_mm)
     show_solution(solved, None if output is None else pipeline.write_solution(solved, output))
 
 

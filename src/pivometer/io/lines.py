@@ -57,7 +57,7 @@ class Lines:
             object.__setattr__(self, "covariances_mm2", read_only(covariances))
 
 
-def read_lines(path: Path | str) -> Lines:
+def read_lines(path: Path | str, *, unit_mm: float = 1.0) -> Lines:
     """Read lines from CSV, separated by commas, semicolons or tabs.
 
     With a heading the columns may stand in any order beside others: ``point_x_mm`` … and
@@ -67,6 +67,13 @@ def read_lines(path: Path | str) -> Lines:
     RCM, mm²: ``cov_xx_mm2``, ``cov_xy_mm2``, ``cov_xz_mm2``, ``cov_yy_mm2``, ``cov_yz_mm2`` and
     ``cov_zz_mm2``; what is in it along the line does not count. Empty lines and those that begin
     with ``#`` are passed over.
+
+    Parameters
+    ----------
+    path
+        The file.
+    unit_mm
+        Length of its unit, mm: 1000 for a file in metres, whose covariances are then in m².
 
     Raises
     ------
@@ -86,11 +93,11 @@ def read_lines(path: Path | str) -> Lines:
     values = [_numbers(number, row, columns, file) for number, row in rows]
     return Lines(
         names=_names(heading, rows),
-        points_mm=checked([row[:3] for row in values], (None, 3), "points_mm"),
+        points_mm=unit_mm * checked([row[:3] for row in values], (None, 3), "points_mm"),
         directions=checked([row[3:] for row in values], (None, 3), "directions"),
         source=file.name,
         sha256=hashlib.sha256(content).hexdigest(),
-        covariances_mm2=_covariances(rows, spread, file) if spread else None,
+        covariances_mm2=unit_mm**2 * _covariances(rows, spread, file) if spread else None,
     )
 
 

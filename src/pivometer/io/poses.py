@@ -44,11 +44,18 @@ class TrackedPoses:
             object.__setattr__(self, name, read_only(checked(getattr(self, name), shape, name)))
 
 
-def read_poses(path: Path | str) -> TrackedPoses:
+def read_poses(path: Path | str, *, unit_mm: float = 1.0) -> TrackedPoses:
     """Read poses from CSV, in the order of time.
 
     With a heading, columns ``t00`` … ``t23`` may stand beside others; without one, each row holds
     the 16 numbers of a 4×4 matrix, row by row.
+
+    Parameters
+    ----------
+    path
+        The file.
+    unit_mm
+        Length of its unit, mm: 1000 for a file in metres.
 
     Raises
     ------
@@ -73,7 +80,7 @@ def read_poses(path: Path | str) -> TrackedPoses:
     matrices = np.stack([_matrix(number, row, columns, file) for number, row in rows])
     return TrackedPoses(
         rotations=matrices[:, :, :3],
-        translations_mm=matrices[:, :, 3],
+        translations_mm=unit_mm * matrices[:, :, 3],
         source=file.name,
         sha256=hashlib.sha256(content).hexdigest(),
     )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from pivometer._version import SOFTWARE
 from pivometer.io.atomic import write_files
 from pivometer.io.codec import json_text, jsonable
@@ -29,6 +31,9 @@ from pivometer.rcm import (
 
 RCM_SCHEMA = "pivometer/rcm/1"
 PIVOT_SCHEMA = "pivometer/pivot/1"
+
+NEAREST_MM = 20.0
+"""No tracker works nearer than this to its origin; few work farther than as many metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,8 +61,8 @@ class SolvedLines:
     axis: InstrumentAxis | None = None
 
 
-def solve_lines(path: Path | str) -> SolvedLines:
-    """Solve for the RCM of the lines in a CSV file: see `read_lines` for its columns.
+def solve_lines(path: Path | str, *, unit_mm: float = 1.0) -> SolvedLines:
+    """Solve for the RCM of the lines in a CSV file: see `read_lines` for its columns and unit.
 
     Raises
     ------
@@ -66,7 +71,7 @@ def solve_lines(path: Path | str) -> SolvedLines:
     DegenerateGeometryError
         If the lines cannot support an answer.
     """
-    lines = read_lines(path)
+    lines = read_lines(path, unit_mm=unit_mm)
     rcm = solve(lines.points_mm, lines.directions)
     findings = geometry_findings(lines.points_mm, lines.directions, rcm)
     refuse_geometry(findings, path=path)
@@ -79,7 +84,9 @@ def solve_lines(path: Path | str) -> SolvedLines:
     return SolvedLines(lines, rcm, findings)
 
 
-def solve_axis(path: Path | str, axis: InstrumentAxis | None) -> SolvedLines:
+def solve_axis(
+    path: Path | str, axis: InstrumentAxis | None, *, unit_mm: float = 1.0
+) -> SolvedLines:
     """Solve for the RCM of the axis of a tracked instrument: see `read_poses` for the file.
 
     Parameters
@@ -88,6 +95,8 @@ def solve_axis(path: Path | str, axis: InstrumentAxis | None) -> SolvedLines:
         The poses, in the order of time.
     axis
         The instrument's axis in its own frame; estimated from the motion if `None`.
+    unit_mm
+        Length of the file's unit, mm.
 
     Raises
     ------
@@ -96,12 +105,12 @@ def solve_axis(path: Path | str, axis: InstrumentAxis | None) -> SolvedLines:
     DegenerateGeometryError
         If the poses cannot support an answer, or do not tell the axis.
     """
-    poses = read_poses(path)
+    poses = read_poses(path, unit_mm=unit_mm)
     motion = poses.rotations, poses.translations_mm
     axis = axis or estimate_axis(*motion)
     points, directions = axis.lines(*motion)
     rcm, findings = with_recording(solve(points, directions), axis, *motion)
-    findings = geometry_findings(points, directions, rcm) + findings
+    findings = geometry_findings(points, directions, rcm) + _unit_findings(poses) + findings
     refuse_geometry(findings, path=path)
     names = tuple(str(number) for number in range(1, len(points) + 1))
     return SolvedLines(
@@ -110,6 +119,15 @@ def solve_axis(path: Path | str, axis: InstrumentAxis | None) -> SolvedLines:
         findings + outlier_findings(names, points, directions),
         axis,
     )
+
+
+def _unit_findings(poses: TrackedPoses) -> tuple[Finding, ...]:
+    """Warn of poses that are so near the tracker that their file may be in metres."""
+    farthest = float(np.abs(poses.translations_mm).max())
+    if farthest >= NEAREST_MM:
+        return ()
+    text = f"no coordinate of the poses is larger than {farthest:.3g} mm: the file may be in metres"
+    return (Finding("warning", text, "add --unit-mm 1000 if it is"),)
 
 
 def write_solution(solved: SolvedLines, folder: Path | str) -> Path:
@@ -148,8 +166,8 @@ class SolvedPoses:
     findings: tuple[Finding, ...]
 
 
-def solve_poses(path: Path | str) -> SolvedPoses:
-    """Calibrate the pivot of the tracked poses in a CSV file: see `read_poses` for its columns.
+def solve_poses(path: Path | str, *, unit_mm: float = 1.0) -> SolvedPoses:
+    """Calibrate the pivot of the tracked poses in a CSV file: see `read_poses` for what it holds.
 
     Raises
     ------
@@ -158,9 +176,9 @@ def solve_poses(path: Path | str) -> SolvedPoses:
     DegenerateGeometryError
         If the poses cannot support an answer.
     """
-    poses = read_poses(path)
+    poses = read_poses(path, unit_mm=unit_mm)
     pivot = calibrate_pivot(poses.rotations, poses.translations_mm)
-    return SolvedPoses(poses, pivot, pivot_findings(pivot))
+    return SolvedPoses(poses, pivot, _unit_findings(poses) + pivot_findings(pivot))
 
 
 def write_pivot(solved: SolvedPoses, folder: Path | str) -> Path:
