@@ -8,8 +8,8 @@ from pivometer.shaft.background import (
     WorkingScale,
     moving_edges,
     sampled,
+    shrinking,
     static_scene,
-    working_scale,
 )
 
 
@@ -60,8 +60,8 @@ def test_raw_pixels_undo_the_shrinking() -> None:
 
 
 def test_large_images_shrink_by_a_whole_factor() -> None:
-    assert working_scale([np.zeros((3000, 4000), dtype=np.uint8)]).factor == 4
-    assert working_scale([np.zeros((480, 640), dtype=np.uint16)]).factor == 1
+    assert shrinking(np.zeros((3000, 4000), dtype=np.uint8)) == 4
+    assert shrinking(np.zeros((480, 640), dtype=np.uint16)) == 1
 
 
 def test_sampling_spreads_over_all_frames() -> None:

@@ -28,6 +28,7 @@ Paper = Literal["A4", "A3", "Letter"]
 UnitMm = Annotated[float | None, Parameter(validator=Number(gt=0))]
 FileUnitMm = Annotated[float, Parameter(validator=Number(gt=0, lt=float("inf")))]
 ImageSize = Annotated[tuple[int, int] | None, Parameter(negative="")]
+Hints = Annotated[list[str] | None, Parameter(negative="")]
 
 app = App(
     name="pivometer",
@@ -199,6 +200,7 @@ def measure(
     distortion: Distortion | None = None,
     unit_mm: UnitMm = None,
     image_size: ImageSize = None,
+    hint: Hints = None,
 ) -> None:
     """Measure the RCM of a session and write the report.
 
@@ -222,8 +224,12 @@ def measure(
         Length of the unit of the --rig file, mm, where it states none.
     image_size
         Width and height of the images, px, where the --rig file states none.
+    hint
+        Where a camera's shaft is, if it is not found by itself: CAMERA=X,Y or CAMERA=X,Y,WIDTH,
+        the pixel about which it turns and its width there. Once for each camera that needs it.
     """
     from pivometer import pipeline
+    from pivometer.cli.hints import shaft_hints
     from pivometer.cli.progress import progress_bar
     from pivometer.cli.show import show_measurement
     from pivometer.io.formats import read_any_rig
@@ -239,6 +245,7 @@ def measure(
             "--unit-mm and --image-size describe a --rig, and none is given",
             next_step="add --rig, or leave them out",
         )
+    hints = shaft_hints(hint or [])
     loaded = pipeline.load(session)
     known = None if rig is None else read_any_rig(rig, unit_mm=unit_mm, image_size=image_size)
     folder = session / "results" if output is None else output
@@ -253,6 +260,7 @@ def measure(
     }
     given = [str(word) for option in options.items() if option[1] is not None for word in option]
     given += [] if image_size is None else ["--image-size", *map(str, image_size)]
+    given += [word for text in hint or [] for word in ("--hint", text)]
     command = shlex.join(["pivometer", "measure", str(session), *given])
     with progress_bar() as progress:
         measurement = pipeline.measure(
@@ -260,6 +268,7 @@ def measure(
             rig=known,
             method=method or "joint",
             distortion=distortion or "radial2",
+            hints=hints,
             progress=progress,
         )
         files = pipeline.write_measurement(

@@ -7,6 +7,7 @@
       board/<camera>/<view>.png         the board seen by several cameras at one moment
       intrinsics/<camera>/<view>.png    more board views of one camera
       shaft/<camera>/<pose>.png         the shaft; same stem = same robot pose
+      shaft/<camera>.mp4                or a video of it; same frame number = same moment
       background/<camera>/*.png         the empty scene
       reference/<camera>/<view>.png     a board fixed near the RCM
       closing/<camera>/<view>.png       the board again at the end
@@ -17,18 +18,21 @@ import difflib
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
 from pivometer.calibration.board import Board
-from pivometer.errors import SessionError
+from pivometer.errors import ImageError, SessionError
+from pivometer.io import video
 from pivometer.io.images import EXTENSIONS
 from pivometer.io.joints import FILE_NAME, PoseTable, read_pose_table
 from pivometer.io.settings import EXAMPLE, Settings, read_settings
+from pivometer.shaft.hint import ShaftHint
 
 _GROUPS = ("board", "intrinsics", "shaft", "background", "reference", "closing")
+_VIDEO_GROUPS = ("shaft", "background")
 _CLUTTER = frozenset({"thumbs.db", "desktop.ini"})
 
 
@@ -47,12 +51,15 @@ class ImageFile:
     view
         What it shows: ``"board/000"``, ``"intrinsics/left/003"``, ``"shaft/012"`` and so on. The
         same view of several cameras is the same moment.
+    frame
+        The frame's number where the file is a video, from 0.
     """
 
     path: Path
     name: str
     camera: str
     view: str
+    frame: int | None = None
 
 
 Views = Mapping[str, Mapping[str, ImageFile]]
@@ -85,6 +92,8 @@ class Session:
         Files and folders beside the images that are no images, by their path in the session.
     pose_table
         What ``poses.csv`` says of each pose; `None` without that file.
+    hints
+        By camera, where the shaft is, from ``[shaft.hint]``; empty where none is needed.
     """
 
     folder: Path
@@ -102,6 +111,7 @@ class Session:
     closing: Views
     ignored: tuple[str, ...]
     pose_table: PoseTable | None = None
+    hints: Mapping[str, ShaftHint] = field(default_factory=dict)
 
     @property
     def reference(self) -> str:
@@ -179,6 +189,7 @@ def _load(root: Path) -> Session:
     _check_is_session(root)
     settings = read_settings(root / "session.toml")
     folders = {group: _subfolders(root / group) for group in _GROUPS}
+    folders |= {group: folders[group] | _videos(root / group) for group in _VIDEO_GROUPS}
     cameras = _cameras(root, settings, folders)
     ignored: list[str] = []
     views = {
@@ -200,7 +211,20 @@ def _load(root: Path) -> Session:
         closing=views["closing"],
         ignored=tuple(ignored),
         pose_table=_pose_table(root / FILE_NAME, views["shaft"]),
+        hints=MappingProxyType(_hints(root, settings, cameras)),
     )
+
+
+def _hints(root: Path, settings: Settings, cameras: tuple[str, ...]) -> dict[str, ShaftHint]:
+    """Return the hints by camera, after checking that there are such cameras."""
+    hints = {_nfc(name): hint for name, hint in settings.hints.items()}
+    for stray in (name for name in hints if name not in cameras):
+        raise SessionError(
+            f"shaft.hint: '{stray}' is no camera; they are {', '.join(cameras)}",
+            next_step="correct session.toml",
+            path=root / "session.toml",
+        )
+    return hints
 
 
 def _pose_table(file: Path, shaft: Views) -> PoseTable | None:
@@ -332,12 +356,68 @@ def _views(
     found: dict[str, dict[str, ImageFile]] = {}
     for camera in (name for name in cameras if name in folders):
         single = f"{camera}/" if group in ("intrinsics", "background") else ""
+        if folders[camera].is_file():
+            for frame in _frames(root, folders[camera], camera, f"{group}/{single}"):
+                found.setdefault(str(frame.frame), {})[camera] = frame
+            continue
         for stem, path in _images(folders[camera], ignored).items():
             name = path.relative_to(root).as_posix()
             view = f"{group}/{single}{stem}"
             found.setdefault(stem, {})[camera] = ImageFile(path, name, camera, view)
+    if group == "shaft":
+        _check_lengths(root / group, folders)
     in_order = sorted(found, key=natural_order)
     return MappingProxyType({stem: MappingProxyType(found[stem]) for stem in in_order})
+
+
+def _videos(group: Path) -> dict[str, Path]:
+    """Return the videos in a group's folder by camera; none beside a folder of the same name."""
+    videos: dict[str, Path] = {}
+    for path in sorted(group.iterdir()) if group.is_dir() else ():
+        if path.name.startswith(".") or path.suffix.lower() not in video.EXTENSIONS:
+            continue
+        name = _nfc(path.stem)
+        if name in videos or (group / path.stem).is_dir():
+            raise SessionError(
+                f"holds {path.name} and other frames of the same camera",
+                next_step="keep one of them",
+                path=group,
+            )
+        videos[name] = path
+    return videos
+
+
+def _frames(root: Path, path: Path, camera: str, view: str) -> list[ImageFile]:
+    """List the frames of one camera's video."""
+    name = path.relative_to(root).as_posix()
+    return [ImageFile(path, name, camera, f"{view}{i}", i) for i in range(_length(path))]
+
+
+def _length(path: Path) -> int:
+    try:
+        return video.frame_count(path)
+    except ImageError as error:
+        raise SessionError(error.what, next_step=error.next_step, path=path) from error
+
+
+def _check_lengths(group: Path, folders: Mapping[str, Path]) -> None:
+    """Check that videos have equally many frames: a number is one moment only then."""
+    counts = {path.name: _length(path) for path in folders.values() if path.is_file()}
+    if len(set(counts.values())) > 1:
+        shown = ", ".join(f"{name} {count}" for name, count in counts.items())
+        raise SessionError(
+            f"holds videos of different numbers of frames ({shown}), so it is unknown which frames "
+            "are of one moment",
+            next_step="start and stop the cameras together, or cut the videos to the same moments",
+            path=group,
+        )
+    if counts and len(counts) < len(folders):
+        raise SessionError(
+            "holds a video of one camera and images of another, so it is unknown which are of one "
+            "moment",
+            next_step="give all cameras a video, or none",
+            path=group,
+        )
 
 
 def _images(folder: Path, ignored: list[str]) -> dict[str, Path]:

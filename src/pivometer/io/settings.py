@@ -11,12 +11,13 @@ import re
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args
 
 from pivometer.calibration.board import Board, BoardForm
 from pivometer.errors import SessionError
+from pivometer.shaft.hint import ShaftHint
 
 EXAMPLE = '[board] kind = "checkerboard", squares = [9, 7], square_mm = 15.0'
 
@@ -39,6 +40,8 @@ class Settings:
         Free-form tables.
     notes
         Free text.
+    hints
+        By camera, where its shaft is.
     """
 
     board: Board
@@ -48,6 +51,7 @@ class Settings:
     device: Mapping[str, object]
     operator: Mapping[str, object]
     notes: str
+    hints: Mapping[str, ShaftHint] = field(default_factory=dict)
 
 
 def _is_text(value: object) -> bool:
@@ -65,6 +69,18 @@ def _is_squares(value: object) -> bool:
 
 def _is_names(value: object) -> bool:
     return isinstance(value, list) and len(value) > 0 and all(_is_text(name) for name in value)
+
+
+def _is_hints(value: object) -> bool:
+    return isinstance(value, dict) and all(_is_hint(entry) for entry in value.values())
+
+
+def _is_hint(value: object) -> bool:
+    if not isinstance(value, list) or len(value) not in (2, 3):
+        return False
+    if not all(type(n) in (int, float) and abs(n) < 1e6 for n in value):
+        return False
+    return len(value) == 2 or value[2] > 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,6 +120,11 @@ _KEYS: dict[str, _Key] = {
         lambda value: value in get_args(BoardForm),
     ),
     "shaft.diameter_mm": _Key("nominal diameter of the shaft, mm", _LENGTH, _is_length),
+    "shaft.hint": _Key(
+        "for each camera the pixel about which the shaft turns, and its width there",
+        "[x, y] or [x, y, width] in pixels for each camera, as in left = [412, 300, 22]",
+        _is_hints,
+    ),
     "cameras.names": _Key(
         "folder names of the cameras", 'a list such as ["left", "right"]', _is_names
     ),
@@ -168,6 +189,7 @@ def _settings(content: Mapping[str, Any]) -> Settings:
     board = dict(content["board"])
     cameras = content.get("cameras", {})
     names = cameras.get("names")
+    hints = content.get("shaft", {}).get("hint", {})
     return Settings(
         board=Board(**{**board, "squares": tuple(board["squares"])}),
         diameter_mm=content.get("shaft", {}).get("diameter_mm"),
@@ -176,6 +198,7 @@ def _settings(content: Mapping[str, Any]) -> Settings:
         device=_plain(content.get("device", {})),
         operator=_plain(content.get("operator", {})),
         notes=content.get("notes", ""),
+        hints={name: ShaftHint(*hint) for name, hint in hints.items()},
     )
 
 

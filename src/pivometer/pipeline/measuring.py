@@ -13,19 +13,16 @@ from numpy.typing import NDArray
 from pivometer._arrays import Floats
 from pivometer._version import SOFTWARE
 from pivometer.calibration import Calibration
-from pivometer.cameras import Camera, Rig
+from pivometer.cameras import Rig
 from pivometer.cameras.distortion import DistortionModel
 from pivometer.errors import (
     DataError,
     DegenerateGeometryError,
-    ImageError,
-    ShaftNotFoundError,
     TooFewPosesError,
     UsageError,
 )
 from pivometer.geometry.line import unit
 from pivometer.geometry.rigid import RigidTransform
-from pivometer.io.images import Image
 from pivometer.io.session import Session
 from pivometer.measurement import (
     ImportedRig,
@@ -40,13 +37,14 @@ from pivometer.pipeline.diagnosing import refuse_other_scale, refuse_wrong_order
 from pivometer.pipeline.framing import with_board_frame
 from pivometer.pipeline.other_points import with_all_points
 from pivometer.pipeline.own_error import with_own_error
-from pivometer.pipeline.reading import Progress, ReadImage, hashes, in_threads, read, usable
+from pivometer.pipeline.reading import Progress
+from pivometer.pipeline.shafts import SHAFT_ADVICE, camera_shafts
 from pivometer.pipeline.structuring import with_structure
 from pivometer.rcm import geometry_findings, outlier_findings, refuse_geometry, solve
 from pivometer.rcm.result import Finding
-from pivometer.shaft.detection import SeedRejection, ShaftSeed, find_shaft
-from pivometer.shaft.edges import ShaftEdges, fit_edges
+from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.gate import diameter_faults
+from pivometer.shaft.hint import ShaftHint
 from pivometer.shaft.triangulation import (
     WARN_DIHEDRAL_RAD,
     Centerline,
@@ -66,6 +64,7 @@ def measure(
     rig: Calibration | ImportedRig | None = None,
     method: Method = "joint",
     distortion: DistortionModel = "radial2",
+    hints: Mapping[str, ShaftHint] | None = None,
     progress: Progress | None = None,
 ) -> Measurement:
     """Measure the RCM of a session.
@@ -80,6 +79,8 @@ def measure(
         holds the scatter of the centerlines only.
     method, distortion
         How to calibrate then: see `calibrate`.
+    hints
+        By camera, where the shaft is in its images; they come before those of the session.
     progress
         Called as ``progress(stage, done, total)``.
 
@@ -103,20 +104,20 @@ def measure(
     Wilson et al., eqs. (1)–(16) and (22).
     """
     session.require("shaft")
+    _refuse_other_hints(session, hints or {})
     calibration = rig or calibrate(session, method=method, distortion=distortion, progress=progress)
     if isinstance(calibration, ImportedRig):
         calibration = replace(calibration, rig=_seen_from(calibration.rig, session.reference))
     _refuse_other_cameras(session, calibration.rig)
     seen: dict[str, dict[str, ShaftEdges | DataError]] = {}
-    reads: list[ReadImage] = []
+    inputs = {} if rig else dict(calibration.inputs)
+    found = {**session.hints, **(hints or {})}
     for camera in calibration.rig.cameras:
-        stage = f"reading {camera.name}"
-        frames = in_threads(read, list(session.shaft_images(camera.name)), stage, progress)
-        background = [read(file) for file in session.background_images(camera.name)]
-        seen[camera.name] = _edges(frames, camera, background, progress)
-        reads += [*frames, *background]
+        hint = found.get(camera.name)
+        shafts = camera_shafts(session, camera, hint=hint, progress=progress)
+        seen[camera.name] = shafts.edges
+        inputs |= shafts.inputs
     poses = _poses(session, calibration.rig, seen)
-    inputs = ({} if rig else dict(calibration.inputs)) | hashes(reads)
     measurement = _measurement(session, calibration, poses, inputs)
     measurement = with_board_frame(measurement, session, progress)
     measurement = with_structure(measurement, session)
@@ -134,6 +135,14 @@ def _seen_from(rig: Rig, reference: str) -> Rig:
     return Rig([rig.cameras[i] for i in order], [RigidTransform.identity(), *poses])
 
 
+def _refuse_other_hints(session: Session, hints: Mapping[str, ShaftHint]) -> None:
+    for stray in (name for name in hints if name not in session.cameras):
+        raise UsageError(
+            f"the hint is for '{stray}', which is no camera; they are {', '.join(session.cameras)}",
+            next_step="name a camera as its folder under shaft/ is named",
+        )
+
+
 def _refuse_other_cameras(session: Session, rig: Rig) -> None:
     names = [camera.name for camera in rig.cameras]
     if set(names) != set(session.cameras) or names[0] != session.reference:
@@ -143,44 +152,6 @@ def _refuse_other_cameras(session: Session, rig: Rig) -> None:
             next_step="calibrate this session, or name its cameras as the calibration does",
             path=session.folder,
         )
-
-
-def _edges(
-    frames: Sequence[ReadImage],
-    camera: Camera,
-    background: Sequence[ReadImage],
-    progress: Progress | None,
-) -> dict[str, ShaftEdges | DataError]:
-    """Find and fit the shaft's edges in all frames of one camera; say what went wrong in others."""
-    size = camera.width, camera.height
-    outcomes: dict[str, ShaftEdges | DataError] = {}
-    images: dict[str, Image] = {}
-    for frame in frames:
-        try:
-            images[frame.stem] = usable(frame, size)
-        except ImageError as error:
-            outcomes[frame.stem] = error
-    empty = [usable(frame, size) for frame in background]
-    seeds = find_shaft(
-        list(images.values()),
-        background=np.median(empty, axis=0).astype(empty[0].dtype) if empty else None,
-    )
-
-    def fit(item: tuple[str, ShaftSeed | SeedRejection]) -> ShaftEdges | DataError:
-        pose, seed = item
-        if isinstance(seed, SeedRejection):
-            return ShaftNotFoundError(seed.reason, next_step=_SHAFT_ADVICE)
-        try:
-            return fit_edges(images[pose], camera, seed)
-        except DataError as error:
-            return error
-
-    found = list(zip(images, seeds, strict=True))
-    fitted = in_threads(fit, found, f"fitting edges {camera.name}", progress)
-    return outcomes | dict(zip(images, fitted, strict=True))
-
-
-_SHAFT_ADVICE = "look at this image: is the shaft in view, in focus and unlike what is behind it?"
 
 
 def _poses(
@@ -197,7 +168,7 @@ def _poses(
     refuse_other_scale(diameters, session.diameter_mm, session.board.square_mm)
     faults = diameter_faults(diameters, nominal_mm=session.diameter_mm)
     wrong = {
-        line.pose: RejectedPose(line.pose, fault, _SHAFT_ADVICE, line.edges)
+        line.pose: RejectedPose(line.pose, fault, SHAFT_ADVICE, line.edges)
         for line, fault in zip(lines, faults, strict=True)
         if fault is not None
     }

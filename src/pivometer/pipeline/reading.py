@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
+from types import MappingProxyType
 from typing import TypeVar
 
 from pivometer.errors import ImageError
 from pivometer.io.images import HashedImage, Image, read_hashed_image
 from pivometer.io.session import ImageFile
+from pivometer.io.video import sha256, video_frames
 
 Progress = Callable[[str, int, int], None]
 """Called as ``progress(stage, done, total)``."""
@@ -56,10 +60,83 @@ class ReadImage:
 
 def read(file: ImageFile) -> ReadImage:
     """Read an image, or keep the reason why it cannot be read."""
+    if file.frame is not None:
+        return next(iter(_decoded([file])))
     try:
         return ReadImage(file, read_hashed_image(file.path))
     except ImageError as error:
         return ReadImage(file, error)
+
+
+def streamed(
+    work: Callable[[ReadImage], _Out],
+    files: Sequence[ImageFile],
+    stage: str,
+    progress: Progress | None,
+    known: Mapping[str, ReadImage] = MappingProxyType({}),
+) -> Iterator[_Out]:
+    """Do `work` on every frame in threads, in order, with only a few frames in memory.
+
+    A video is decoded here, one frame after the other; image files are read in the threads. Frames
+    that are `known`, by their views, are not read again.
+    """
+    threads = os.cpu_count() or 1
+    pending: deque[Future[_Out]] = deque()
+    done = 0
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        for ready in _readers(files, known):
+            pending.append(pool.submit(lambda ready: work(ready()), ready))
+            if len(pending) > 2 * threads:
+                yield pending.popleft().result()
+                done = _told(progress, stage, done + 1, len(files))
+        while pending:
+            yield pending.popleft().result()
+            done = _told(progress, stage, done + 1, len(files))
+
+
+def _told(progress: Progress | None, stage: str, done: int, total: int) -> int:
+    if progress is not None:
+        progress(stage, done, total)
+    return done
+
+
+def _readers(
+    files: Iterable[ImageFile], known: Mapping[str, ReadImage]
+) -> Iterator[Callable[[], ReadImage]]:
+    """Yield for each frame what gives it: reads the file, or has it already."""
+    for path, group in groupby(files, lambda file: None if file.frame is None else file.path):
+        frames = list(group)
+        if path is None:
+            for file in frames:
+                yield partial(_known_or_read, file, known)
+        elif all(file.view in known for file in frames):
+            yield from (partial(known.__getitem__, file.view) for file in frames)
+        else:
+            for frame in _decoded(frames):
+                yield partial(_same, frame)
+
+
+def _known_or_read(file: ImageFile, known: Mapping[str, ReadImage]) -> ReadImage:
+    return known[file.view] if file.view in known else read(file)
+
+
+def _same(frame: ReadImage) -> ReadImage:
+    return frame
+
+
+def _decoded(files: Sequence[ImageFile]) -> Iterator[ReadImage]:
+    """Decode frames of videos, in rising order within each."""
+    for path, group in groupby(files, lambda file: file.path):
+        frames, digest = list(group), sha256(path)
+        for file, frame in zip(frames, video_frames(path, _numbers(frames)), strict=True):
+            if isinstance(frame, ImageError):
+                yield ReadImage(file, frame)
+            else:
+                yield ReadImage(file, HashedImage(frame, digest))
+
+
+def _numbers(frames: Iterable[ImageFile]) -> Iterator[int]:
+    return (frame.frame for frame in frames if frame.frame is not None)
 
 
 def hashes(reads: Iterable[ReadImage]) -> dict[str, str]:

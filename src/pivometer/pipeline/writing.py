@@ -12,13 +12,17 @@ from pivometer.calibration import Board, Calibration
 from pivometer.errors import ImageError
 from pivometer.io.atomic import write_file, write_files
 from pivometer.io.result import centerlines_csv, result_text, rig_text
-from pivometer.io.session import ImageFile, Session
+from pivometer.io.session import Session
 from pivometer.io.sheet import sheet_content
 from pivometer.io.target import Paper, target_sheet
 from pivometer.measurement import Measurement
-from pivometer.pipeline.reading import Progress, in_threads, read
+from pivometer.pipeline.reading import Progress, ReadImage, streamed
 from pivometer.report.html import Provenance, SimulatedTruth, render_html
 from pivometer.report.thumbnails import Thumbnail, make_thumbnail
+from pivometer.shaft.background import sampled
+
+MOST_PICTURES = 300
+"""Pictures of each camera in a report; a video has thousands of frames."""
 
 
 def write_calibration(calibration: Calibration, folder: Path | str) -> Path:
@@ -76,17 +80,18 @@ def write_measurement(
 
 
 def _thumbnails(session: Session, progress: Progress | None) -> dict[tuple[str, str], Thumbnail]:
-    """Make a small picture of every shaft image that can be read."""
+    """Make a small picture of the shaft images that can be read, at most some of a camera's."""
 
-    def thumbnail(file: ImageFile) -> Thumbnail | None:
-        outcome = read(file).outcome
+    def thumbnail(frame: ReadImage) -> Thumbnail | None:
+        outcome = frame.outcome
         return None if isinstance(outcome, ImageError) else make_thumbnail(outcome.image)
 
-    files = [(name, f) for name in session.cameras for f in session.shaft_images(name)]
-    made = in_threads(lambda item: thumbnail(item[1]), files, "drawing the report", progress)
+    shown = [list(session.shaft_images(name)) for name in session.cameras]
+    files = [images[i] for images in shown for i in sampled(len(images), MOST_PICTURES)]
+    made = streamed(thumbnail, files, "drawing the report", progress)
     return {
-        (file.view.rpartition("/")[2], name): picture
-        for (name, file), picture in zip(files, made, strict=True)
+        (file.view.rpartition("/")[2], file.camera): picture
+        for file, picture in zip(files, made, strict=True)
         if picture is not None
     }
 

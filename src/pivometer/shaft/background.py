@@ -8,6 +8,7 @@ pixel near the pivot in most frames, and its grey level passes for background th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -51,11 +52,12 @@ class WorkingScale:
 
     def copy(self, image: Image) -> NDArray[np.uint16]:
         """Return the image averaged down by the factor, grey levels stretched to GREY_UNITS."""
-        height, width = (size // self.factor for size in image.shape)
-        whole = image[: height * self.factor, : width * self.factor]
-        small = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+        return self.stretched(averaged(image, self.factor))
+
+    def stretched(self, small: Image) -> NDArray[np.uint16]:
+        """Return an averaged image with its grey levels stretched to GREY_UNITS."""
         gain = GREY_UNITS / (self.high - self.low)
-        levels = np.arange(256 if image.dtype == np.uint8 else 65536)
+        levels = np.arange(256 if small.dtype == np.uint8 else 65536)
         table = np.clip((levels - self.low) * gain, 0, GREY_UNITS).astype(np.uint16)
         copy: NDArray[np.uint16] = table[small]
         return copy
@@ -64,13 +66,29 @@ class WorkingScale:
         """Points (..., 2) of the working copy in pixels of the raw image."""
         return (points_px + 0.5) * self.factor - 0.5
 
+    def working_pixels(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points (..., 2) of the raw image in pixels of the working copy."""
+        return (points_px + 0.5) / self.factor - 0.5
 
-def working_scale(images: Sequence[Image]) -> WorkingScale:
-    """Choose the shrinking factor and the grey-level range for one camera's frames."""
-    factor = max(1, -(-max(images[0].shape) // WORKING_SIDE_PX))
-    samples = [images[i][::7, ::7] for i in sampled(len(images), 5)]
+
+def shrinking(image: Image) -> int:
+    """Return the whole factor that brings an image to WORKING_SIDE_PX or below."""
+    return math.ceil(int(max(image.shape)) / WORKING_SIDE_PX)
+
+
+def averaged(image: Image, factor: int) -> Image:
+    """Return an image averaged down by a whole factor."""
+    height, width = (size // factor for size in image.shape)
+    whole = image[: height * factor, : width * factor]
+    small = np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
+    return small.astype(np.uint8) if image.dtype == np.uint8 else small.astype(np.uint16)
+
+
+def working_scale(smalls: Sequence[Image], factor: int) -> WorkingScale:
+    """Choose the grey-level range for one camera's frames from some averaged ones."""
+    samples = [smalls[i][::7, ::7] for i in sampled(len(smalls), 5)]
     low, high = np.percentile(np.concatenate([s.ravel() for s in samples]), (0.2, 99.8))
-    least = 48.0 if images[0].dtype == np.uint8 else 64.0
+    least = 48.0 if smalls[0].dtype == np.uint8 else 64.0
     return WorkingScale(factor, float(low), float(max(high, low + least)))
 
 
@@ -115,6 +133,14 @@ def static_scene(
     other = stack[len(copies) // 2] if frame is None else gradient(frame)
     noise = 1.4826 * float(np.median(np.abs(other.astype(np.int32) - still)))
     return StaticScene(still, grey, max(FLOOR, NOISE_FACTOR * noise))
+
+
+def unknown_scene(copy: NDArray[np.uint16]) -> StaticScene:
+    """Return a scene of which nothing is known to stand still, for too few frames of a camera."""
+    slopes = gradient(copy)
+    noise = 1.4826 * float(np.median(np.abs(slopes)))
+    threshold = float(np.clip(NOISE_FACTOR * noise, FLOOR, 4 * FLOOR))
+    return StaticScene(np.zeros_like(slopes), np.zeros_like(copy), threshold)
 
 
 def _median(stack: NDArray[np.int16] | NDArray[np.uint16]) -> Floats:

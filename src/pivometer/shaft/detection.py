@@ -7,7 +7,7 @@ sequence votes for a pivot pixel and a width there (`motion`), helped by what ea
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,17 +20,22 @@ from pivometer.shaft.background import (
     MovingEdges,
     StaticScene,
     WorkingScale,
+    averaged,
     moving_edges,
     sampled,
+    shrinking,
     static_scene,
+    unknown_scene,
     working_scale,
 )
+from pivometer.shaft.hint import ShaftHint
 from pivometer.shaft.motion import (
     MOST_PAIRS,
     Motion,
     PairTable,
     at_pivot,
     common_motion,
+    hinted_motion,
     pair_table,
 )
 from pivometer.shaft.occlusion import cover
@@ -47,6 +52,9 @@ from pivometer.shaft.refit import refitted_edges
 TRUSTED_MEDIAN = 6
 """From this many frames on the median grey level tells what a pair of edges hides; with fewer, the
 shaft itself is the median near the pivot and the test is left out."""
+
+MOST_SAMPLES = 60
+"""Frames that vote for the motion: bounds memory, however long a video is. Chosen, not measured."""
 
 LEAST_FRAMES = 3
 """Frames that must agree on a pivot and a width; any two lines have a common point."""
@@ -126,16 +134,15 @@ class _Search:
     centre_px: Floats
     knows_background: bool
 
-    def frame(self, image: Image) -> _Frame:
-        copy = self.scale.copy(image)
+    def frame(self, copy: NDArray[np.uint16]) -> _Frame:
         edges = moving_edges(copy, self.scene)
         return self._with_lines(copy, edges, edge_lines(edges, self.centre_px))
 
-    def again(self, image: Image, frame: _Frame, motion: Motion) -> _Frame:
+    def again(self, copy: NDArray[np.uint16], frame: _Frame, motion: Motion) -> _Frame:
         """Search once more, only for lines that pass the pivot."""
         extra = edge_lines(frame.edges, self.centre_px, motion.passing)
         fresh = [line for line in extra if not any(same_line(line, old) for old in frame.lines)]
-        return self._with_lines(self.scale.copy(image), frame.edges, frame.lines + fresh)
+        return self._with_lines(copy, frame.edges, frame.lines + fresh)
 
     def _with_lines(
         self, copy: NDArray[np.uint16], edges: MovingEdges, lines: list[EdgeLine]
@@ -147,10 +154,70 @@ class _Search:
         return _Frame(edges, lines, pairs, share)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ShaftFinder:
+    """What some of a camera's frames tell of the shaft; finds it in each of them alone.
+
+    It holds no raw frame, so that a video of any length is searched in constant memory.
+    """
+
+    _search: _Search
+    _motion: Motion | SeedRejection
+    _known: tuple[_Frame, ...]
+
+    def find(self, image: Image, *, sample: int | None = None) -> ShaftSeed | SeedRejection:
+        """Find the shaft in one frame.
+
+        Parameters
+        ----------
+        image
+            The frame, as those that `learn_shaft` saw.
+        sample
+            Which of those it is, if it is one of them; what is known of it is not found again.
+        """
+        if isinstance(self._motion, SeedRejection):
+            return self._motion
+        copy = self._search.scale.copy(image)
+        frame = self._search.frame(copy) if sample is None else self._known[sample]
+        return _chosen(copy, frame, self._search, self._motion)
+
+
+def learn_shaft(
+    samples: Iterable[Image], *, background: Image | None = None, hint: ShaftHint | None = None
+) -> ShaftFinder:
+    """Learn from some of a camera's frames what stands still and how the shaft moves.
+
+    Parameters
+    ----------
+    samples
+        Frames of one camera, 2-D uint8 or uint16, all of one size, at least one; taken one at a
+        time. `MOST_SAMPLES`, evenly spread, tell as much as more.
+    background
+        The same view without shaft and robot. Without it the samples' own median serves.
+    hint
+        Where the shaft turns, if a person says so; then fewer than three frames will do.
+    """
+    smalls: list[Image] = []
+    factor = 1
+    for image in samples:
+        factor = shrinking(image)
+        smalls.append(averaged(image, factor))
+    scale = working_scale(smalls, factor)
+    empty = None if background is None else scale.copy(background)
+    copies = [scale.stretched(small) for small in smalls]
+    search = _search(copies, scale, empty)
+    frames = tuple(search.frame(copy) for copy in copies)
+    if all(len(frame.edges.points_px) < LEAST_SUPPORT_PX for frame in frames):
+        reason = "nothing moves between the frames, so a moving shaft cannot be told from the rest"
+        return ShaftFinder(search, SeedRejection(reason), frames)
+    motion = _motion(frames) if hint is None else _hinted(frames, hint, search)
+    return ShaftFinder(search, motion, frames)
+
+
 def find_shaft(
-    images: Sequence[Image], *, background: Image | None = None
+    images: Sequence[Image], *, background: Image | None = None, hint: ShaftHint | None = None
 ) -> list[ShaftSeed | SeedRejection]:
-    """Find the shaft in one camera's frames, without any hint.
+    """Find the shaft in one camera's frames, without any hint where none is given.
 
     The camera stands still and the shaft turns about a point: the shaft is the pair of long,
     nearly parallel edges that differ from the background, pass a common pivot pixel, and have the
@@ -162,13 +229,16 @@ def find_shaft(
         Frames of one camera, 2-D uint8 or uint16, all of one size.
     background
         The same view without shaft and robot. Without it the frames' own median serves.
+    hint
+        Where the shaft turns, if a person says so.
 
     Returns
     -------
     list
-        For every image, in order, a `ShaftSeed` or a `SeedRejection`. Fewer than three frames are
-        rejected, and so is a shaft that never moves or only shifts: a static shaft cannot be told
-        from a rod of the scenery, and its parallel centerlines would give no pivot anyway.
+        For every image, in order, a `ShaftSeed` or a `SeedRejection`. Without a hint fewer than
+        three frames are rejected, and so is a shaft that never moves or only shifts: a static shaft
+        cannot be told from a rod of the scenery, and its parallel centerlines would give no pivot
+        anyway.
 
     Notes
     -----
@@ -191,27 +261,22 @@ def find_shaft(
     """
     if len(images) == 0:
         return []
-    search = _search(images, background)
-    frames = [search.frame(image) for image in images]
-    if all(len(frame.edges.points_px) < LEAST_SUPPORT_PX for frame in frames):
-        reason = "nothing moves between the frames, so a moving shaft cannot be told from the rest"
-        return [SeedRejection(reason) for _ in images]
-    motion = _motion(frames)
-    if isinstance(motion, SeedRejection):
-        return [motion for _ in images]
-    return [
-        _chosen(image, frame, search, motion) for image, frame in zip(images, frames, strict=True)
-    ]
+    places = {place: k for k, place in enumerate(sampled(len(images), MOST_SAMPLES))}
+    finder = learn_shaft((images[i] for i in places), background=background, hint=hint)
+    return [finder.find(image, sample=places.get(i)) for i, image in enumerate(images)]
 
 
-def _search(images: Sequence[Image], background: Image | None) -> _Search:
-    scale = working_scale(images)
-    if background is not None:
-        scene = static_scene([scale.copy(background)], scale.copy(images[0]))
+def _search(
+    copies: Sequence[NDArray[np.uint16]], scale: WorkingScale, empty: NDArray[np.uint16] | None
+) -> _Search:
+    if empty is not None:
+        scene = static_scene([empty], copies[0])
+    elif len(copies) < LEAST_FRAMES:
+        scene = unknown_scene(copies[0])
     else:
-        scene = static_scene([scale.copy(images[i]) for i in sampled(len(images), SAMPLED_FRAMES)])
+        scene = static_scene([copies[i] for i in sampled(len(copies), SAMPLED_FRAMES)])
     height, width = scene.grey.shape
-    known = background is not None or len(images) >= TRUSTED_MEDIAN
+    known = empty is not None or len(copies) >= TRUSTED_MEDIAN
     centre = np.array([(width - 1) / 2, (height - 1) / 2])
     return _Search(scale, scene, (width, height), centre, known)
 
@@ -229,12 +294,24 @@ def _motion(frames: Sequence[_Frame]) -> Motion | SeedRejection:
     return motion
 
 
+def _hinted(frames: Sequence[_Frame], hint: ShaftHint, search: _Search) -> Motion | SeedRejection:
+    table = pair_table([f.pairs for f in frames], [f.cover for f in frames])
+    raw = np.array([hint.x_px, hint.y_px])
+    width = None if hint.width_px is None else hint.width_px / search.scale.factor
+    motion = hinted_motion(table, search.scale.working_pixels(raw) - search.centre_px, width)
+    if motion is None:
+        return SeedRejection(
+            f"no two long parallel edges pass the hinted pixel ({hint.x_px:g}, {hint.y_px:g})"
+        )
+    return motion
+
+
 def _chosen(
-    image: Image, frame: _Frame, search: _Search, motion: Motion
+    copy: NDArray[np.uint16], frame: _Frame, search: _Search, motion: Motion
 ) -> ShaftSeed | SeedRejection:
     found = _best(frame, motion, ENOUGH_LENGTH)
     if isinstance(found, str):
-        frame = search.again(image, frame, motion)
+        frame = search.again(copy, frame, motion)
         found = _best(frame, motion, LEAST_LENGTH)
     if isinstance(found, str):
         return SeedRejection(found)

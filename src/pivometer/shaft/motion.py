@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,6 +137,26 @@ def common_motion(table: PairTable) -> Motion | None:
     for _ in range(6):
         motion = _refined(table, motion)
     return motion
+
+
+def hinted_motion(table: PairTable, pivot_px: Floats, width_px: float | None) -> Motion | None:
+    """Return the motion about a pivot that is roughly known; None where no pair passes it."""
+    if len(table.at) == 0:
+        return None
+    widths = table.width if width_px is None else np.array([width_px])
+    scores = _support(table, np.tile(pivot_px, (len(widths), 1)), widths)
+    width = float(widths[np.argmax(scores * widths**WIDTH_POWER)])
+    start = Motion(pivot_px, width, NEARBY * width + 2, WIDTH_SPREAD, 0.0, 0)
+    fits = start.agreement(table)
+    top = table.best_per_frame(fits)
+    agreeing = int((fits[top] > 0.1 * table.weight[top]).sum())
+    if agreeing < 3:
+        return replace(start, frames=agreeing) if agreeing else None
+    motion = start
+    for _ in range(6):
+        motion = _refined(table, motion)
+    strayed = float(np.hypot(*(motion.pivot_px - pivot_px))) > 2 * start.spread_px
+    return replace(start, frames=agreeing) if strayed else motion
 
 
 def _hypothesis(table: PairTable) -> Motion | None:

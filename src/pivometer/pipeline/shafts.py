@@ -1,0 +1,127 @@
+"""The shaft's edges in all frames of one camera, found and fitted as a stream.
+
+Two passes: some frames tell what stands still and how the shaft moves, then every frame is searched
+on its own. So memory does not grow with the number of frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+
+from pivometer.cameras import Camera
+from pivometer.errors import DataError, ShaftNotFoundError
+from pivometer.io.images import HashedImage, Image
+from pivometer.io.session import ImageFile, Session
+from pivometer.pipeline.reading import Progress, ReadImage, hashes, streamed, usable
+from pivometer.shaft.background import sampled
+from pivometer.shaft.detection import MOST_SAMPLES, SeedRejection, ShaftFinder, learn_shaft
+from pivometer.shaft.edges import ShaftEdges, fit_edges
+from pivometer.shaft.hint import ShaftHint
+
+KEPT_BYTES = 64_000_000
+"""Frames of the first pass that are kept for the second, so that short sessions are read once."""
+
+MOST_EMPTY = 9
+"""Empty frames that are looked at: their median has a third of one's noise."""
+
+SHAFT_ADVICE = (
+    "look at this image: is the shaft in view, in focus and unlike what is behind it? If it is, "
+    "say where it turns: --hint CAMERA=X,Y"
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraShafts:
+    """What one camera saw: by pose the fitted edges or why not, and its files' hashes."""
+
+    edges: dict[str, ShaftEdges | DataError]
+    inputs: dict[str, str]
+
+
+def camera_shafts(
+    session: Session, camera: Camera, *, hint: ShaftHint | None, progress: Progress | None
+) -> CameraShafts:
+    """Find and fit the shaft's edges in all frames of one camera; say what went wrong in others."""
+    files = list(session.shaft_images(camera.name))
+    background, inputs = _background(session, camera)
+    first = _FirstPass(files, camera, progress)
+    finder = first.learned(background, hint)
+
+    def edges(frame: ReadImage) -> tuple[dict[str, str], ShaftEdges | DataError]:
+        return hashes([frame]), _edges(frame, camera, finder, first.samples.get(frame.file.view))
+
+    outcomes: dict[str, ShaftEdges | DataError] = {}
+    fitted = streamed(edges, files, f"fitting edges {camera.name}", progress, first.kept)
+    for file, (digests, outcome) in zip(files, fitted, strict=True):
+        inputs |= digests
+        outcomes[file.view.rpartition("/")[2]] = outcome
+    return CameraShafts(outcomes, inputs)
+
+
+class _FirstPass:
+    """Some frames, evenly spread: their places among the samples, and those that are kept."""
+
+    def __init__(
+        self, files: Sequence[ImageFile], camera: Camera, progress: Progress | None
+    ) -> None:
+        chosen = [files[i] for i in sampled(len(files), MOST_SAMPLES)]
+        self._frames = streamed(_same, chosen, f"reading {camera.name}", progress)
+        self._camera = camera
+        self._left = KEPT_BYTES
+        self.samples: dict[str, int] = {}
+        self.kept: dict[str, ReadImage] = {}
+
+    def learned(self, background: Image | None, hint: ShaftHint | None) -> ShaftFinder | None:
+        """Return what the frames tell; None where none can be read."""
+        images = self._images()
+        first = next(images, None)
+        if first is None:
+            return None
+        return learn_shaft(chain([first], images), background=background, hint=hint)
+
+    def _images(self) -> Iterator[Image]:
+        for frame in self._frames:
+            image = frame.outcome.image if isinstance(frame.outcome, HashedImage) else None
+            if image is not None and image.nbytes <= self._left:
+                self._left -= image.nbytes
+                self.kept[frame.file.view] = frame
+            if image is not None and frame.size == (self._camera.width, self._camera.height):
+                self.samples[frame.file.view] = len(self.samples)
+                yield image
+
+
+def _same(frame: ReadImage) -> ReadImage:
+    return frame
+
+
+def _edges(
+    frame: ReadImage, camera: Camera, finder: ShaftFinder | None, sample: int | None
+) -> ShaftEdges | DataError:
+    """Find and fit the shaft's edges in one frame, or say what went wrong."""
+    try:
+        image = usable(frame, (camera.width, camera.height))
+        if finder is None:
+            return ShaftNotFoundError(_NO_SAMPLE, next_step=SHAFT_ADVICE)
+        seed = finder.find(image, sample=sample)
+        if isinstance(seed, SeedRejection):
+            return ShaftNotFoundError(seed.reason, next_step=SHAFT_ADVICE)
+        return fit_edges(image, camera, seed)
+    except DataError as error:
+        return error
+
+
+_NO_SAMPLE = "none of the frames looked at first can be used, so what moves is unknown"
+
+
+def _background(session: Session, camera: Camera) -> tuple[Image | None, dict[str, str]]:
+    """Return the median of the empty frames, if there are any, and their hashes."""
+    files = list(session.background_images(camera.name))
+    reads = list(streamed(_same, [files[i] for i in sampled(len(files), MOST_EMPTY)], "", None))
+    empty = [usable(frame, (camera.width, camera.height)) for frame in reads]
+    if not empty:
+        return None, {}
+    return np.median(empty, axis=0).astype(empty[0].dtype), hashes(reads)

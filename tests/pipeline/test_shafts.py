@@ -1,0 +1,172 @@
+"""The shaft in all frames of a camera: from image files or from a video."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pivometer.cameras import Camera
+from pivometer.errors import ImageError, SessionError
+from pivometer.io.session import load
+from pivometer.pipeline import shafts
+from pivometer.pipeline.shafts import camera_shafts
+from pivometer.shaft.edges import ShaftEdges
+from pivometer.shaft.hint import ShaftHint
+
+CAMERA = Camera("left", 320, 240, [400, 400], [160, 120], [0, 0])
+TOML = '[board]\nkind = "checkerboard"\nsquares = [9, 7]\nsquare_mm = 15.0\n'
+PIVOT = (160, 220)
+
+
+def frame(place: int, *, width: int = 14) -> NDArray[np.uint8]:
+    """Draw a bright shaft that turns about PIVOT; `place` is where it leaves the image above."""
+    image = np.full((240, 320), 20, dtype=np.uint8)
+    return np.asarray(cv2.line(image, PIVOT, (place, 0), 200, width, cv2.LINE_AA), dtype=np.uint8)
+
+
+FRAMES = [frame(x) for x in (70, 100, 130, 190, 220, 250)]
+
+
+def write_images(root: Path, camera: str, frames: list[NDArray[np.uint8]]) -> None:
+    folder = root / "shaft" / camera
+    folder.mkdir(parents=True)
+    for number, image in enumerate(frames):
+        cv2.imwrite(str(folder / f"{number}.png"), image)
+
+
+def write_video(file: Path, frames: list[NDArray[np.uint8]]) -> None:
+    """Write a video without loss, so that its frames are those of the images."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    video = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"MPNG"), 10, (320, 240))
+    for image in frames:
+        video.write(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
+    video.release()
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    (tmp_path / "session.toml").write_text(TOML, encoding="utf-8")
+    return tmp_path
+
+
+def edges_of(root: Path, hint: ShaftHint | None = None) -> dict[str, ShaftEdges]:
+    seen = camera_shafts(load(root), CAMERA, hint=hint, progress=None).edges
+    return {pose: edges for pose, edges in seen.items() if isinstance(edges, ShaftEdges)}
+
+
+def video_session(root: Path, counts: tuple[int, int] = (6, 6)) -> Path:
+    for camera, count in zip(("left", "right"), counts, strict=True):
+        write_video(root / f"shaft/{camera}.avi", FRAMES[:count])
+    return root
+
+
+def image_session(root: Path, frames: list[NDArray[np.uint8]]) -> Path:
+    for camera in ("left", "right"):
+        write_images(root, camera, frames)
+    return root
+
+
+def test_a_video_gives_what_its_frames_give(root: Path, tmp_path_factory) -> None:
+    other = tmp_path_factory.mktemp("images")
+    (other / "session.toml").write_text(TOML, encoding="utf-8")
+    one, two = edges_of(video_session(root)), edges_of(image_session(other, FRAMES))
+    assert list(one) == list(two) == ["0", "1", "2", "3", "4", "5"]
+    for pose, edges in one.items():
+        assert np.array_equal(edges.normals, two[pose].normals)
+
+
+def test_the_second_pass_reads_again_what_was_not_kept(root: Path, monkeypatch) -> None:
+    monkeypatch.setattr(shafts, "KEPT_BYTES", FRAMES[0].nbytes)
+    assert len(edges_of(video_session(root))) == 6
+
+
+def test_frames_beyond_the_samples_are_found(root: Path, monkeypatch) -> None:
+    monkeypatch.setattr(shafts, "MOST_SAMPLES", 4)
+    assert len(edges_of(image_session(root, FRAMES))) == 6
+
+
+def test_the_video_is_an_input(root: Path) -> None:
+    import hashlib
+
+    seen = camera_shafts(load(video_session(root)), CAMERA, hint=None, progress=None)
+    digest = hashlib.sha256((root / "shaft/left.avi").read_bytes()).hexdigest()
+    assert seen.inputs == {"shaft/left.avi": digest}
+
+
+def test_videos_of_different_lengths_are_refused(root: Path) -> None:
+    with pytest.raises(SessionError, match=r"left\.avi 6, right\.avi 5"):
+        load(video_session(root, (6, 5)))
+
+
+def test_a_video_beside_images_is_refused(root: Path) -> None:
+    write_video(root / "shaft/left.avi", FRAMES)
+    write_images(root, "right", FRAMES)
+    with pytest.raises(SessionError, match="a video of one camera and images of another"):
+        load(root)
+
+
+def test_a_video_and_images_of_one_camera_are_refused(root: Path) -> None:
+    image_session(root, FRAMES)
+    write_video(root / "shaft/left.avi", FRAMES)
+    with pytest.raises(SessionError, match=r"left\.avi and other frames of the same camera"):
+        load(root)
+
+
+def test_what_is_no_video_is_refused(root: Path) -> None:
+    (video_session(root) / "shaft/right.avi").write_bytes(b"no video")
+    with pytest.raises(SessionError, match="is no video that OpenCV reads"):
+        load(root)
+
+
+def test_a_video_that_ends_early_says_so_in_its_last_frames(root: Path) -> None:
+    session = load(video_session(root))
+    file = root / "shaft/left.avi"
+    write_video(file, FRAMES[:4])
+    seen = camera_shafts(session, CAMERA, hint=None, progress=None).edges
+    late = [seen["4"], seen["5"]]
+    assert all(isinstance(error, ImageError) for error in late)
+    assert "no frame after number 3" in str(late[0])
+
+
+def test_one_frame_is_found_with_a_hint_only(root: Path) -> None:
+    image_session(root, FRAMES[:1])
+    assert edges_of(root) == {}
+    found = edges_of(root, ShaftHint(*PIVOT, 14))
+    assert list(found) == ["0"]
+
+
+def test_a_hint_chooses_between_two_that_turn(root: Path) -> None:
+    thin = [frame(x, width=8)[:, ::-1] for x in (40, 290, 90, 240, 60, 200)]
+    both = [np.maximum(f, np.roll(t, -60, axis=1)) for f, t in zip(FRAMES, thin, strict=True)]
+    image_session(root, both)
+    for x, width in ((PIVOT[0], 14.0), (319 - PIVOT[0] - 60, 8.0)):
+        found = edges_of(root, ShaftHint(x, PIVOT[1], width))
+        assert len(found) >= 5
+        for edges in found.values():
+            assert edges.width_px == pytest.approx(width, abs=1.5)
+
+
+def test_hints_are_read_from_the_session(root: Path) -> None:
+    image_session(root, FRAMES)
+    toml = TOML + "[shaft.hint]\nleft = [160, 220, 14]\nright = [1.5, 2]\n"
+    (root / "session.toml").write_text(toml, encoding="utf-8")
+    hints = load(root).hints
+    assert hints["left"] == ShaftHint(160, 220, 14)
+    assert hints["right"].width_px is None
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("left = [1]", "for each camera the pixel about which the shaft turns"),
+        ("left = [1, 2, -3]", "wants"),
+        ("middle = [1, 2]", "'middle' is no camera; they are left, right"),
+    ],
+)
+def test_a_wrong_hint_is_named(root: Path, line: str, message: str) -> None:
+    image_session(root, FRAMES[:1])
+    (root / "session.toml").write_text(f"{TOML}[shaft.hint]\n{line}\n", encoding="utf-8")
+    with pytest.raises(SessionError, match=message):
+        load(root)
