@@ -23,7 +23,7 @@ def unit(vectors: ArrayLike, name: str = "directions") -> Floats:
     array = checked(vectors, (-1, 3), name)
     with np.errstate(over="ignore", under="ignore"):
         squares = np.vecdot(array, array)
-    if not 1e-200 < squares.min(initial=1) <= squares.max(initial=1) < 1e200:
+    if squares.size and not 1e-200 < squares.min() <= squares.max() < 1e200:
         array = array / _largest(array, name)  # or their squares are none
         squares = np.vecdot(array, array)
     normalized: Floats = array / np.sqrt(squares)[..., None]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
 from pivometer.errors import DegenerateGeometryError
+from pivometer.rcm.lapack import lapack
 
 Indices = NDArray[np.intp]
 
@@ -140,8 +141,6 @@ class Constraints:
 
     def _smoothed(self) -> tuple[Floats, Floats, Indices]:
         """Guess from the weights in a smoothed largest cost, μ log Σ exp(fᵢ/μ), near its least."""
-        from scipy.linalg.lapack import dgesv  # in a third of the time of numpy.linalg.solve
-
         point, misses = np.zeros(3), -self.offsets
         costs = 0.5 * np.vecdot(misses, misses)
         for smoothing in SMOOTHINGS:
@@ -151,7 +150,7 @@ class Constraints:
             slope = weights @ misses
             spread = (misses.T * weights) @ misses - np.multiply.outer(slope, slope)
             curvature = self.curvature(weights) + self.guard + spread / (smoothing * largest)
-            point = point - dgesv(curvature, slope)[2]
+            point = point - lapack().dgesv(curvature, slope)[2]
             misses = self.misses(point)
             costs = 0.5 * np.vecdot(misses, misses)
         active = np.argsort(costs)[-3:]
@@ -232,8 +231,6 @@ class Constraints:
         The conditions are Σ wᵢ(Pᵢq − rᵢ) = 0, Σ wᵢ = 1 and ½‖Pᵢq − rᵢ‖² = t. On the way constraints
         whose weights turn negative are dropped, and the most violated one is added.
         """
-        from scipy.linalg.lapack import dgesv  # in a third of the time of numpy.linalg.solve
-
         rows = np.full((len(self.offsets), 4), -1.0)
         for step_number in range(JUMP_STEPS):
             if len(active) > MOST_ACTIVE:
@@ -248,7 +245,7 @@ class Constraints:
             matrix, lack = _conditions(
                 curvature + self.guard, rows[active], weights, unknowns[3] - costs[active]
             )
-            step = dgesv(matrix, lack)[2]
+            step = lapack().dgesv(matrix, lack)[2]
             size = step.dot(step)
             if not size < LONGEST_JUMP:  # a wrong guess of what decides; its bound will show it
                 break
@@ -266,8 +263,6 @@ class Constraints:
         For weights that sum to 1, max dᵢ² ≥ Σ wᵢdᵢ², of which the least value over all points is
         Σ wᵢ‖eᵢ‖² − gᵀH⁻¹g with eᵢ = Pᵢq − rᵢ, g = Σ wᵢeᵢ and H = Σ wᵢPᵢ.
         """
-        from scipy.linalg.lapack import dsyev  # in a third of the time of numpy.linalg.eigh
-
         misses = self.misses(point)
         squares = np.vecdot(misses, misses)
         weights = np.maximum(weights, 0)
@@ -276,7 +271,7 @@ class Constraints:
             return Optimum(point, np.inf, active, weights, 0.0)
         weights = weights / total
         curvature = (weights @ self.projectors.reshape(-1, 9)[active]).reshape(3, 3)
-        values, vectors, _ = dsyev(curvature)
+        values, vectors, _ = lapack().dsyev(curvature)
         slope = (weights @ misses[active]) @ vectors
         if values[0] <= 1e-13 * values[2]:  # where H is singular g vanishes, except for rounding
             curved = values > 1e-13 * values[2]

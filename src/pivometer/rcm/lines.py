@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pivometer._arrays import Floats, checked
 from pivometer.errors import DegenerateGeometryError, ShapeError, TooFewPosesError
 from pivometer.geometry.line import unit
+from pivometer.rcm.lapack import lapack
 
 FEWEST_LINES = 3
 """Two lines have no error: one point is as near as can be to both, and 2n − 3 = 1."""
@@ -144,9 +145,7 @@ def _principal_axes(axes: Floats) -> tuple[Floats, Floats, Floats]:
 
     The eigenvalues are summed from squares, so that the least keeps its digits.
     """
-    from scipy.linalg.lapack import dsyev  # in a third of the time of numpy.linalg.eigh
-
-    turn = dsyev(axes.T @ axes)[1][:, ::-1]
+    turn = lapack().dsyev(axes.T @ axes)[1][:, ::-1]
     turned = axes @ turn
     x, y, z = np.ones(len(axes)) @ (turned * turned)
     information = np.array([y + z, x + z, x + y])
