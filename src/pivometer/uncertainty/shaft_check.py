@@ -162,7 +162,8 @@ def check_shaft(
     explained = np.concatenate([left.by_shading, left.by_calibration], axis=2)
     still, share = _without_moves(left)
     scatter, chi_squares = _scatter(still, share * left.freedom, explained)
-    odds = _Chance(chance, MEDIAN_EFFICIENCY * share * float(left.freedom.sum()))
+    told = np.inf if scatter == 1.0 else MEDIAN_EFFICIENCY * share * float(left.freedom.sum())
+    odds = _Chance(chance, told)
     names = [camera.name for camera in rig.cameras]
     moved, change = _move_tests(left, explained, scatter, names, odds)
     tries = len(chi_squares)
@@ -179,17 +180,22 @@ def check_shaft(
 
 @dataclass(frozen=True, slots=True)
 class _Chance:
-    """How often chance may exceed a limit, with a scale that `known` degrees of freedom tell."""
+    """How often chance may exceed a limit, with a scale that `known` degrees of freedom tell.
+
+    They are endless where the scale is the stated one.
+    """
 
     probability: float
     known: float
 
     def limit(self, freedom: float, *, tries: int = 1) -> float:
-        """Return the χ² that chance exceeds; endless where there is nothing to exceed it."""
-        from scipy.special import fdtri
+        """Return the χ² that chance exceeds; zero where there is nothing that could be seen."""
+        from scipy.special import fdtri, gammaincinv
 
         if freedom < 1:
-            return np.inf
+            return 0.0
+        if np.isinf(self.known):
+            return float(2 * gammaincinv(freedom / 2, 1 - self.probability / tries))
         return float(freedom * fdtri(freedom, self.known, 1 - self.probability / tries))
 
 
@@ -296,7 +302,7 @@ def _move_tests(
     tests = _Moves(left, moves, beside, scatter)
     suspects = range(c) if c > 2 else (1,)  # of two cameras nothing tells which one moved
     tried = [(k, camera) for k in range(2, n - 1) for camera in suspects]
-    change = MoveTest("", 0, 0.0, np.inf)
+    change = MoveTest("", 0, 0.0, 0.0)
     for pose, camera in tried:
         gain, rank = tests.gain(pose, slice(6 * camera, 6 * camera + 6))
         if gain > change.chi_square:
