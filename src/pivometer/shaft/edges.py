@@ -19,8 +19,12 @@ from pivometer.shaft.rungs import Blur
 from pivometer.shaft.search import found_lines
 from pivometer.shaft.shaded import FIRST_BLUR_PX, fit_shaded
 from pivometer.shaft.silhouette import coimage_normal, normalized_line, outward_normals
+from pivometer.shaft.thin import fit_thin
 
 __all__ = ["ShaftEdges", "edge_normals", "fit_edges"]
+
+THIN_PX = 16.0
+"""Narrower shafts are fitted with both edges in one model; `plain` needs 15 px at usual blur."""
 
 SEARCH_ROWS = 120
 """Rows that the first search looks at: evenly spread, enough for votes of one in four."""
@@ -121,6 +125,8 @@ def fit_edges(
     step = max(1, len(maps[0].rows) // SEARCH_ROWS)
     start = found_lines(turned, (maps[0].every(step), maps[1].every(step)), first)
     fitted = fit_plain(turned, (maps[0], maps[1]), start)
+    if fitted is None and width_px(start) < THIN_PX:
+        fitted = fit_thin(turned, (maps[0], maps[1]), start)
     if fitted is None:
         fitted = fit_ladder(turned, (maps[0], maps[1]), start, blur or Blur())
     if fitted is None:
