@@ -76,6 +76,8 @@ def distort(normalized: ArrayLike, coefficients: ArrayLike) -> Floats:
     """
     points = checked(normalized, (-1, 2), "normalized")
     k = full_length(coefficients)
+    if not k.any():
+        return points
     s = np.sum(points**2, axis=-1)
     numerator, denominator = _ratio(s, k)
     distorted: Floats = points * (numerator / denominator)[..., None]
@@ -202,6 +204,8 @@ def undistort(distorted: ArrayLike, coefficients: ArrayLike) -> Floats:
     """
     points = checked(distorted, (-1, 2), "distorted")
     k = full_length(checked(coefficients, (None,), "distortion"))
+    if not k.any():
+        return points
     tangential = bool(k[2:4].any())
     target = np.linalg.norm(points, axis=-1)
     reach = image_reach(k)

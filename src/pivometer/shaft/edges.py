@@ -26,7 +26,7 @@ __all__ = ["ShaftEdges", "edge_normals", "fit_edges"]
 THIN_PX = 16.0
 """Narrower shafts are fitted with both edges in one model; `plain` needs 15 px at usual blur."""
 
-SEARCH_ROWS = 120
+SEARCH_ROWS = 60
 """Rows that the first search looks at: evenly spread, enough for votes of one in four."""
 
 REACH_PX = 22.0

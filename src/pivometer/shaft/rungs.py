@@ -11,11 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
 
 from pivometer._arrays import Floats
 from pivometer.shaft.plain import CHUNK_ROWS, Strip
-from pivometer.shaft.profile import limb
+from pivometer.shaft.profile import limb, normal_cdf
 
 OUT, OUT_RAMP, IN, RAMP, LIMB = range(5)
 
@@ -160,7 +159,7 @@ def _terms(
     """Return a rung's blurred terms and their derivatives by distance and blur, (chunks, k, p)."""
     z = x / blur
     bell = np.exp(-0.5 * z * z) / (np.sqrt(2 * np.pi) * blur)
-    outside = ndtr(z)
+    outside = normal_cdf(z, bell * blur)
     inside = 1 - outside
     wide = blur * blur * bell
     found = []

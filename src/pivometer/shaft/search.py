@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap
+from pivometer.shaft.band_map import BandMap, picked
 from pivometer.shaft.bands import EdgeLine
 
 SEARCH_PX = 4
@@ -15,8 +15,9 @@ SEARCH_PX = 4
 WINDOW_PX = 3.0
 """Grey levels are compared over this far on each side."""
 
-GRID_PX = np.arange(-SEARCH_PX, SEARCH_PX + 0.25, 0.5)
-"""Offsets and tilts that are tried."""
+OFFSETS_PX = np.arange(-SEARCH_PX, SEARCH_PX + 0.25, 0.5)
+TILTS_PX = np.arange(-SEARCH_PX, SEARCH_PX + 0.5, 1.0)
+"""What is tried: a tilt of half a pixel at the ends is a quarter in the mean."""
 
 SEED_PENALTY_PER_PX2 = 0.04
 """What a square pixel away from the seed costs, as a part of the best score of 1; it keeps a strong
@@ -51,21 +52,22 @@ def _best_move(turned: NDArray[np.generic], m: BandMap, line: EdgeLine) -> tuple
     rows = ((columns >= 0) & (columns < turned.shape[1])).all(axis=1)
     if not rows.any():
         return 0.0, 0.0
-    steps = _grey_steps(turned[m.rows[rows, None], columns[rows]], window)
+    steps = _grey_steps(picked(turned, m.rows[rows], columns[rows]), window)
     usual = float(np.median(steps.max(axis=1)))
     votes = steps / (steps + max(usual, 1e-9))  # a strong edge has one vote, not a hundred
     half = line.half_px / (line.half_px @ line.half_px)
     lever = m.coordinate(half, -float(half @ line.middle_px), m.centre[:, None])[rows]
     # Step k is between columns k − 1 and k of those beside the row's own.
-    first = (0.5 - m.outward * (base - m.centre))[rows, None] + m.slant * lever * GRID_PX
-    index = np.rint(first[..., None] + m.slant * GRID_PX).astype(np.intp) + places
-    index = np.clip(index, 0, 2 * places)
-    found = votes[np.arange(len(votes))[:, None, None], index].mean(axis=0)
-    square = GRID_PX**2
-    score = found - SEED_PENALTY_PER_PX2 * (square[:, None] / 3 + square)
-    reached = np.abs(GRID_PX)[:, None] + np.abs(GRID_PX) <= SEARCH_PX
-    tilt, offset = np.unravel_index(np.argmax(np.where(reached, score, -np.inf)), score.shape)
-    return float(GRID_PX[offset]), float(GRID_PX[tilt])
+    first = (0.5 + places - m.outward * (base - m.centre))[rows, None] + m.slant * lever * TILTS_PX
+    index = (first[..., None] + (m.slant * OFFSETS_PX + 0.5)).astype(np.intp)  # rounded
+    index = np.minimum(np.maximum(index, 0), 2 * places)
+    index += (np.arange(len(votes)) * votes.shape[1])[:, None, None]
+    found = votes.reshape(-1).take(index).mean(axis=0)
+    square = TILTS_PX[:, None] ** 2 / 3 + OFFSETS_PX**2
+    reached = np.abs(TILTS_PX)[:, None] + np.abs(OFFSETS_PX) <= SEARCH_PX
+    score = np.where(reached, found - SEED_PENALTY_PER_PX2 * square, -np.inf)
+    tilt, offset = np.unravel_index(np.argmax(score), score.shape)
+    return float(OFFSETS_PX[offset]), float(TILTS_PX[tilt])
 
 
 def _grey_steps(grey: NDArray[np.generic], window: int) -> Floats:

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap
+from pivometer.shaft.band_map import BandMap, picked
 from pivometer.shaft.bands import EdgeLine
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
@@ -30,6 +29,7 @@ from pivometer.shaft.plain import (
     NEAR_SIGMAS,
     STEP_LIMIT_PX,
 )
+from pivometer.shaft.profile import normal_cdf
 
 Lines = tuple[EdgeLine, EdgeLine]
 
@@ -108,7 +108,7 @@ def _gather(turned: NDArray[np.generic], m: BandMap, lines: Lines, blur: float) 
     j = np.arange(-beyond - far, near + far + 1)
     columns = np.rint(m.centre).astype(np.intp)[:, None] + m.outward * j
     within = (columns >= 0) & (columns < turned.shape[1])
-    grey = turned[m.rows[:, None], np.clip(columns, 0, turned.shape[1] - 1)].astype(np.float64)
+    grey = picked(turned, m.rows, np.clip(columns, 0, turned.shape[1] - 1)).astype(np.float64)
     count = -(-len(grey) // CHUNK_ROWS) * CHUNK_ROWS
     grey = np.concatenate([grey * within, np.zeros((count - len(grey), len(j)))])
     inside = np.concatenate([within, np.zeros((count - len(within), len(j)), dtype=bool)])
@@ -161,8 +161,9 @@ def _linearize(rows: _Rows, weights: Floats, parameters: Floats) -> _Fit:
     blur = float(parameters[4])
     offset, tilt = (parameters[k:4:2][:, None, None] for k in (0, 1))
     z = (rows.x_px - rows.scale * (offset + tilt * rows.lever)) / blur
-    bell = np.exp(-0.5 * z * z) * (weights[:, None] / (np.sqrt(2 * np.pi) * blur))
-    outside = ndtr(z) * weights[:, None]
+    density = np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi)
+    outside = normal_cdf(z, density) * weights[:, None]
+    bell = density * (weights[:, None] / blur)
     shape = (len(weights) // CHUNK_ROWS, -1)
     terms = np.stack(
         [part.reshape(shape) for part in (*outside, weights[:, None] - outside.sum(axis=0))], axis=1
