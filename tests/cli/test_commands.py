@@ -25,6 +25,7 @@ COMMANDS = (
     "solve",
     "pivot",
     "check",
+    "plan",
     "schema",
 )
 
@@ -371,3 +372,15 @@ def test_a_reader_that_leaves_early_is_no_fault(tmp_path: Path) -> None:
     )
     told = run(code)
     assert (told.returncode, told.stderr) == (0, "")
+
+
+def test_plan_tells_what_to_expect(capsys: pytest.CaptureFixture[str]) -> None:
+    given = "--focal-px 1000 --image-size 640 480 --distance-mm 480 --baseline-mm 525"
+    words = ["plan", *given.split(), "--poses", "6", "--board-views", "10", "--wanted-mm", "0.001"]
+    assert main(words) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "6 poses in a cone of 57°" in told
+    assert "What limits the location: the calibration" in told
+    assert "No number of poses up to 500 reaches U = 0.001 mm." in told
+    assert main(["plan", "--focal-px", "1000"]) == 2
+    assert "--image-size is missing" in capsys.readouterr().err

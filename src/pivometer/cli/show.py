@@ -13,7 +13,8 @@ from rich.text import Text
 from pivometer.calibration import Board, Calibration
 from pivometer.calibration.advice import advice
 from pivometer.measurement import Measurement
-from pivometer.report.digits import error_decimals, fixed, with_uncertainty
+from pivometer.rcm.geometry_check import FEWEST_POSES_ADVISED
+from pivometer.report.digits import error_decimals, fixed, uncertainty_text, with_uncertainty
 from pivometer.report.points import all_points_table, points_table
 from pivometer.report.setup_tables import parameter_rows
 from pivometer.report.structure_tables import structure_sentences
@@ -27,7 +28,7 @@ from pivometer.report.tables import (
 from pivometer.report.verdict import verdict
 
 if TYPE_CHECKING:
-    from pivometer.pipeline import CheckOutcome, DemoOutcome, SolvedLines, SolvedPoses
+    from pivometer.pipeline import CheckOutcome, DemoOutcome, Plan, SolvedLines, SolvedPoses
     from pivometer.rcm import InstrumentAxis
 
 
@@ -160,6 +161,59 @@ def _say_axis(axis: "InstrumentAxis") -> None:
             f"standard uncertainty of {axis.direction_u_deg:.2g}°"
         )
     say(f"Instrument's axis through ({place}) mm along ({towards}), {found}.")
+
+
+def show_plan(planned: "Plan") -> None:
+    """Print what a planned measurement will be good for, and what limits it."""
+    seen = planned.foresight
+    u = seen.uncertainty
+    lines, calibration = (np.sqrt(part.diagonal()) for part in (u.lines_mm2, u.calibration_mm2))
+    say(
+        f"{seen.poses} poses in a cone of {planned.cone_deg:g}° about a point "
+        f"{np.linalg.norm(planned.point_mm):.0f} mm from camera {planned.rig.reference}.",
+        "",
+    )
+    rows = tuple(
+        (
+            axis,
+            uncertainty_text(float(u.expanded_mm[i])),
+            uncertainty_text(float(lines[i])),
+            uncertainty_text(float(calibration[i])),
+        )
+        for i, axis in enumerate("xyz")
+    )
+    factor = f"U (k = {u.coverage_factor:.2f})"
+    columns = ("axis", factor, "u from the centerlines", "u from the calibration")
+    show_table(Table("Expected uncertainty of the location, mm", columns, rows))
+    say(
+        f"A perfect robot will read {uncertainty_text(seen.instrument_rms_mm)} mm rms and "
+        f"{uncertainty_text(seen.instrument_max_mm)} mm at most.",
+        f"What limits the location: {_LIMITS[planned.limit]}.",
+    )
+    if planned.wanted_mm is None:
+        return
+    if planned.fewest is None:
+        from pivometer.pipeline.planning import MOST_POSES
+
+        say(f"No number of poses up to {MOST_POSES} reaches U = {planned.wanted_mm:g} mm.")
+        return
+    say(
+        f"{planned.fewest.poses} poses reach U = {planned.wanted_mm:g} mm"
+        + (
+            f"; take at least {FEWEST_POSES_ADVISED} all the same: the largest miss of fewer says "
+            "little"
+            if planned.fewest.poses < FEWEST_POSES_ADVISED
+            else ""
+        )
+        + "."
+    )
+
+
+_LIMITS = {
+    "calibration": "the calibration; more board views help, and in the frame of a board fixed near "
+    "the RCM (reference/) most of it drops out",
+    "poses": "the centerlines; more poses, a wider cone or a longer visible shaft help",
+}
 
 
 def show_pivot(solved: "SolvedPoses", path: Path | None) -> None:

@@ -5,6 +5,13 @@ from pivometer.pipeline.calibrating import calibrate
 from pivometer.pipeline.checking import CheckOutcome, Condition, check
 from pivometer.pipeline.junit import write_junit
 from pivometer.pipeline.measuring import measure
+from pivometer.pipeline.planning import (
+    Plan,
+    foreseen_calibration,
+    plan,
+    seen_length_mm,
+    two_cameras,
+)
 from pivometer.pipeline.simulating import DemoOutcome, demo, simulate, true_rcm
 from pivometer.pipeline.solving import (
     SolvedLines,
@@ -21,18 +28,23 @@ __all__ = [
     "CheckOutcome",
     "Condition",
     "DemoOutcome",
+    "Plan",
     "SolvedLines",
     "SolvedPoses",
     "calibrate",
     "check",
     "demo",
+    "foreseen_calibration",
     "load",
     "measure",
+    "plan",
+    "seen_length_mm",
     "simulate",
     "solve_axis",
     "solve_lines",
     "solve_poses",
     "true_rcm",
+    "two_cameras",
     "write_calibration",
     "write_junit",
     "write_measurement",
