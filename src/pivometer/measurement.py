@@ -16,6 +16,8 @@ from pivometer.shaft.triangulation import Centerline
 from pivometer.uncertainty.frame import BoardFrameUncertainty
 from pivometer.uncertainty.intrinsic import IntrinsicError
 from pivometer.uncertainty.propagation import LinesUncertainty, LocationUncertainty
+from pivometer.uncertainty.shaft_bend import ShaftBend
+from pivometer.uncertainty.shaft_check import MoveTest, ShaftDiameter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,6 +34,66 @@ class PoseDistances:
 
     minimax: float
     least_squares: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseCylinder:
+    """The maximum-likelihood cylinder behind all edges of a pose, of the session's radius.
+
+    Parameters
+    ----------
+    point_mm, direction
+        Its axis: the foot of the perpendicular from the reference camera's centre (mm), and the
+        unit direction, shape (3,), reference camera's frame.
+    apart_mm
+        Distance of the axis from the pose's centerline, where they pass the least-squares RCM, mm.
+    chi_square
+        What is left of the edges, over what noise, shading and the calibration explain.
+    limit
+        What chance exceeds in one pose of ten thousand sessions.
+    """
+
+    point_mm: Floats
+    direction: Floats
+    apart_mm: float
+    chi_square: float
+    limit: float
+
+    def __post_init__(self) -> None:
+        for name in ("point_mm", "direction"):
+            object.__setattr__(self, name, read_only(checked(getattr(self, name), (3,), name)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShaftAgreement:
+    """How well the edges of all poses and cameras fit one straight cylinder of one radius.
+
+    Parameters
+    ----------
+    route
+        What the centerlines are: ``"paper"``, eqs. (14)–(16), or ``"cylinder"``, the axes of the
+        maximum-likelihood cylinders.
+    diameter
+        The shaft's diameter with its uncertainty: an independent check of the metric scale.
+    scatter
+        By how many times the edges miss the cylinders farther than stated; at least 1.
+    moved
+        Whether cameras stood elsewhere than the calibration says.
+    change
+        Whether a camera moved during the session.
+    change_from
+        The pose from which on it would have.
+    bend
+        The bow that all poses have in common; `None` where the edges state no curvature.
+    """
+
+    route: str
+    diameter: ShaftDiameter
+    scatter: float
+    moved: MoveTest
+    change: MoveTest
+    change_from: str
+    bend: ShaftBend | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +114,8 @@ class UsedPose:
         The shaft's diameter as seen by each camera, in the order of `edges`, mm.
     edges
         The fitted edges, one entry per camera.
+    cylinder
+        The cylinder that fits all of them best; `None` where none was fitted.
     status
         ``"used"``.
     """
@@ -62,6 +126,7 @@ class UsedPose:
     dihedral_deg: float
     diameters_mm: tuple[float, ...]
     edges: tuple[ShaftEdges, ...]
+    cylinder: PoseCylinder | None = None
     status: str = "used"
 
 
@@ -245,6 +310,8 @@ class Measurement:
     structure
         Where each centerline passes the least-squares point and what that follows; `None` in files
         of versions that did not state it.
+    shaft
+        Whether all edges belong to one cylinder, and its diameter; `None` where too few poses tell.
     """
 
     rcm: RcmSolution
@@ -258,6 +325,7 @@ class Measurement:
     board_frame: BoardFrame | None = None
     intrinsic: IntrinsicError | None = None
     structure: ErrorStructure | None = None
+    shaft: ShaftAgreement | None = None
 
     @property
     def reference_camera(self) -> str:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pivometer.measurement import Measurement
 
 Method = Literal["joint", "paper"]
+Centerline = Literal["paper", "cylinder"]
 Format = Literal["opencv", "ros", "kalibr", "matlab", "colmap", "mrcal"]
 Distortion = Literal["none", "radial2", "brown5", "rational8"]
 Kind = Literal["checkerboard", "charuco"]
@@ -200,6 +201,7 @@ def measure(
     rig: Path | None = None,
     method: Method | None = None,
     distortion: Distortion | None = None,
+    centerline: Centerline | None = None,
     unit_mm: UnitMm = None,
     image_size: ImageSize = None,
     hint: Hints = None,
@@ -222,6 +224,9 @@ def measure(
         How to calibrate: joint, which is used where none is given, or paper.
     distortion
         Lens model to calibrate: see pivometer calibrate; radial2 where none is given.
+    centerline
+        paper: where the planes midway between the edges meet, which is used where none is given; or
+        cylinder: the axis of the cylinder that fits the edges of all cameras best.
     unit_mm
         Length of the unit of the --rig file, mm, where it states none.
     image_size
@@ -258,6 +263,7 @@ def measure(
         "--rig": rig,
         "--method": method,
         "--distortion": distortion,
+        "--centerline": centerline,
         "--unit-mm": unit_mm,
     }
     given = [str(word) for option in options.items() if option[1] is not None for word in option]
@@ -271,6 +277,7 @@ def measure(
             method=method or "joint",
             distortion=distortion or "radial2",
             hints=hints,
+            centerline=centerline or "paper",
             progress=progress,
         )
         files = pipeline.write_measurement(

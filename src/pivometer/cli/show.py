@@ -17,6 +17,7 @@ from pivometer.rcm.geometry_check import FEWEST_POSES_ADVISED
 from pivometer.report.digits import error_decimals, fixed, uncertainty_text, with_uncertainty
 from pivometer.report.points import all_points_table, points_table
 from pivometer.report.setup_tables import parameter_rows
+from pivometer.report.shaft_tables import shaft_sentence
 from pivometer.report.structure_tables import structure_sentences
 from pivometer.report.tables import (
     Table,
@@ -66,6 +67,8 @@ def show_measurement(
     show_table(location_table(measurement))
     show_table(miss_table(measurement))
     show_table(all_points_table(measurement))
+    if measurement.shaft is not None:
+        say(shaft_sentence(measurement))
     if measurement.structure is not None:
         say(*structure_sentences(measurement.structure))
     if measurement.rejected:

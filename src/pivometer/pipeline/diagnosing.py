@@ -28,8 +28,8 @@ BETTER = 5.0
 order is wrong; chosen, not measured: a wrong order is off by millimetres, the right one by what the
 robot and the instrument are."""
 LAGS = (1, -1, 2, -2)
-EDGE_BIAS_PX = 0.1
-"""What shading shifts an edge of a matte white shaft by at most, px: two rendered sets."""
+CALIPER_U_MM = 0.02
+"""Standard uncertainty of a stated diameter: what a caliper with a resolution of 0.05 mm reads."""
 
 Seen = Mapping[str, Mapping[str, ShaftEdges | DataError]]
 
@@ -163,20 +163,17 @@ def scale_finding(measurement: Measurement) -> Finding | None:
             "the shaft's diameter: neither that it is the shaft nor the scale has been checked",
             "measure the shaft with a caliper and write [shaft] diameter_mm into session.toml",
         )
-    widths = np.array([e.width_px for pose in measurement.used for e in pose.edges])
-    median = float(np.median(every))
-    scatter = 1.4826 * float(np.median(np.abs(every - median))) * np.sqrt(np.pi / 2 / len(every))
-    u = float(
-        np.hypot(scatter, np.sqrt(2) * EDGE_BIAS_PX / np.median(widths) * median)
-        if len(widths)
-        else scatter
-    )
-    off = median / nominal - 1
-    if abs(median - nominal) < max(3 * u, 0.01 * nominal):
+    value = float(np.median(every))
+    u = SPREAD_TOLERANCE / 3 * value  # of too few poses to judge
+    if measurement.shaft is not None:
+        value, u = measurement.shaft.diameter.value_mm, measurement.shaft.diameter.u_mm
+    off = value / nominal - 1
+    if abs(value - nominal) < 3 * np.hypot(u, CALIPER_U_MM):
         return None
     return Finding(
         "warning",
-        f"the shaft measures {median:.3f} ± {2 * u:.3f} mm (median of {len(every)}, k = 2), "
+        f"the shaft measures {value:.3f} ± {2 * u:.3f} mm (all edges of {len(measurement.used)} "
+        "poses, k = 2), "
         f"{100 * off:+.1f} % from the stated {nominal:g} mm; if that is the scale, all lengths are "
         f"off by as much, and square_mm would have to be {board.square_mm / (1 + off):.3f} instead "
         f"of {board.square_mm:g}",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -38,6 +38,7 @@ from pivometer.pipeline.framing import with_board_frame
 from pivometer.pipeline.other_points import with_all_points
 from pivometer.pipeline.own_error import with_own_error
 from pivometer.pipeline.reading import Progress
+from pivometer.pipeline.shaft_checking import Route, Triangulated, checked_poses, with_shaft
 from pivometer.pipeline.shafts import SHAFT_ADVICE, camera_shafts
 from pivometer.pipeline.structuring import with_structure
 from pivometer.rcm import geometry_findings, outlier_findings, refuse_geometry, solve
@@ -47,7 +48,6 @@ from pivometer.shaft.gate import diameter_faults
 from pivometer.shaft.hint import ShaftHint
 from pivometer.shaft.triangulation import (
     WARN_DIHEDRAL_RAD,
-    Centerline,
     triangulate_centerline,
 )
 from pivometer.uncertainty import (
@@ -65,6 +65,7 @@ def measure(
     method: Method = "joint",
     distortion: DistortionModel = "radial2",
     hints: Mapping[str, ShaftHint] | None = None,
+    centerline: Route = "paper",
     progress: Progress | None = None,
 ) -> Measurement:
     """Measure the RCM of a session.
@@ -81,6 +82,9 @@ def measure(
         How to calibrate then: see `calibrate`.
     hints
         By camera, where the shaft is in its images; they come before those of the session.
+    centerline
+        What a pose's centerline is: ``"paper"``, where the planes midway between the edges meet, or
+        ``"cylinder"``, the axis of the cylinder that fits all edges best.
     progress
         Called as ``progress(stage, done, total)``.
 
@@ -118,7 +122,9 @@ def measure(
         seen[camera.name] = shafts.edges
         inputs |= shafts.inputs
     poses = _poses(session, calibration.rig, seen)
+    poses, shaft = checked_poses(poses, calibration, centerline)
     measurement = _measurement(session, calibration, poses, inputs)
+    measurement = with_shaft(measurement, shaft, centerline)
     measurement = with_board_frame(measurement, session, progress)
     measurement = with_structure(measurement, session)
     return with_checks(measurement, session, progress)
@@ -173,15 +179,6 @@ def _poses(
         if fault is not None
     }
     return [wrong.get(pose.pose, pose) for pose in poses]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Triangulated:
-    """A pose whose centerline is known, before the RCM is."""
-
-    pose: str
-    centerline: Centerline
-    edges: tuple[ShaftEdges, ...]
 
 
 def _triangulated(

@@ -17,9 +17,11 @@ from pivometer.report import setup_tables, tables
 from pivometer.report.chart import pose_chart
 from pivometer.report.coverage import coverage_pictures
 from pivometer.report.digits import error_decimals, fixed
+from pivometer.report.edge_plots import edge_plot
 from pivometer.report.overlays import PosePicture, pose_pictures
 from pivometer.report.points import all_points_table
 from pivometer.report.scene import scene, scene_picture
+from pivometer.report.shaft_tables import shaft_table
 from pivometer.report.structure_figures import direction_map, order_chart
 from pivometer.report.structure_tables import (
     component_table,
@@ -84,6 +86,8 @@ class _Card:
     next_step: str
     pictures: tuple[PosePicture, ...]
     edges: Table
+    plots: tuple[Markup, ...]
+    warnings: tuple[str, ...]
 
 
 def render_html(
@@ -176,6 +180,7 @@ def _tables(measurement: Measurement) -> dict[str, object]:
         "location": tables.location_table(measurement),
         "board_location": tables.board_location_table(measurement),
         "misses": tables.miss_table(measurement),
+        "shaft": shaft_table(measurement),
         "all_points": all_points_table(measurement),
         "paper": tables.paper_table(measurement),
         "poses": tables.pose_table(measurement, numbers),
@@ -224,6 +229,8 @@ def _card(
         next_step="" if isinstance(pose, UsedPose) else pose.next_step,
         pictures=pose_pictures(pose, measurement, thumbnails),
         edges=tables.edge_table(pose),
+        plots=tuple(plot for one in pose.edges if (plot := edge_plot(one)) is not None),
+        warnings=tuple(f"{one.camera}: {text}" for one in pose.edges for text in one.warnings),
     )
 
 

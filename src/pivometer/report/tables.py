@@ -262,6 +262,17 @@ def pose_facts(pose: UsedPose, measurement: Measurement) -> tuple[tuple[str, str
         ("minimax", f"{fixed(pose.distance_mm.minimax, decimals)} mm"),
         ("least squares", f"{fixed(pose.distance_mm.least_squares, decimals)} mm"),
         ("dihedral angle", f"{pose.dihedral_deg:.1f}°"),
+        *_cylinder_facts(pose),
+    )
+
+
+def _cylinder_facts(pose: UsedPose) -> tuple[tuple[str, str], ...]:
+    found = pose.cylinder
+    if found is None:
+        return ()
+    return (
+        ("edges and cylinder, χ² / limit", f"{found.chi_square:.1f} / {found.limit:.0f}"),
+        ("cylinder’s axis off by", f"{found.apart_mm:.4f} mm"),
     )
 
 
