@@ -116,11 +116,14 @@ def test_the_help_of_a_command_opens_with_an_example(
     assert capsys.readouterr().out.startswith(f"Example:  pivometer {command}")
 
 
+USUAL = {"hints": {}, "centerline": "paper"}
+
+
 def test_measure_calibrates_where_no_rig_is_given(calls: Calls, tmp_path: Path) -> None:
     assert main(["measure", str(tmp_path)]) == 0
     names = [name for name, _, _ in calls.made]
     assert names == ["load", "measure", "write_measurement"]
-    assert calls.made[1][2] == {"rig": None, "method": "joint", "distortion": "radial2"}
+    assert calls.made[1][2] == {"rig": None, "method": "joint", "distortion": "radial2", **USUAL}
     assert calls.made[2][1][2] == tmp_path / "results"
     assert calls.made[2][2] == {"command": f"pivometer measure {tmp_path}"}
 
@@ -138,6 +141,7 @@ def test_measure_hands_its_options_on(
         "rig": "rig of r.json",
         "method": "joint",
         "distortion": "radial2",
+        **USUAL,
     }
     assert asked == [{"unit_mm": None, "image_size": None}]
     assert calls.made[2][1][2] == tmp_path / "o"
@@ -148,7 +152,10 @@ def test_measure_hands_its_options_on(
     assert calls.made[5][2]["command"].endswith("--unit-mm 25.0 --image-size 640 480")
     calls.made.clear()
     assert main(["measure", "s", "--method", "paper"]) == 0
-    assert calls.made[1][2] == {"rig": None, "method": "paper", "distortion": "radial2"}
+    assert calls.made[1][2] == {"rig": None, "method": "paper", "distortion": "radial2", **USUAL}
+    calls.made.clear()
+    assert main(["measure", "s", "--centerline", "cylinder"]) == 0
+    assert calls.made[1][2]["centerline"] == "cylinder"
 
 
 def test_calibrate(calls: Calls, tmp_path: Path) -> None:
