@@ -114,20 +114,33 @@ def measure(
         calibration = replace(calibration, rig=_seen_from(calibration.rig, session.reference))
     _refuse_other_cameras(session, calibration.rig)
     seen: dict[str, dict[str, ShaftEdges | DataError]] = {}
+    doubts: list[Finding] = []
     inputs = {} if rig else dict(calibration.inputs)
     found = {**session.hints, **(hints or {})}
     for camera in calibration.rig.cameras:
         hint = found.get(camera.name)
         shafts = camera_shafts(session, camera, hint=hint, progress=progress)
         seen[camera.name] = shafts.edges
+        if shafts.warning is not None:
+            doubts.append(_doubt(camera.name, shafts.warning))
         inputs |= shafts.inputs
     poses = _poses(session, calibration.rig, seen)
     poses, shaft = checked_poses(poses, calibration, centerline)
     measurement = _measurement(session, calibration, poses, inputs)
     measurement = with_shaft(measurement, shaft, centerline)
+    measurement = replace(measurement, findings=(*measurement.findings, *doubts))
     measurement = with_board_frame(measurement, session, progress)
     measurement = with_structure(measurement, session)
     return with_checks(measurement, session, progress)
+
+
+def _doubt(camera: str, warning: str) -> Finding:
+    return Finding(
+        "warning",
+        f"camera {camera}: {warning}",
+        "state diameter_mm, which another rod does not have, or say which it is: "
+        f"--hint {camera}=X,Y,WIDTH",
+    )
 
 
 def _seen_from(rig: Rig, reference: str) -> Rig:

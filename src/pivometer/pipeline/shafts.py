@@ -36,10 +36,11 @@ SHAFT_ADVICE = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraShafts:
-    """What one camera saw: by pose the fitted edges or why not, and its files' hashes."""
+    """What one camera saw: edges or why none by pose, hashes, and what is uncertain."""
 
     edges: dict[str, ShaftEdges | DataError]
     inputs: dict[str, str]
+    warning: str | None
 
 
 def camera_shafts(
@@ -59,7 +60,7 @@ def camera_shafts(
     for file, (digests, outcome) in zip(files, fitted, strict=True):
         inputs |= digests
         outcomes[file.view.rpartition("/")[2]] = outcome
-    return CameraShafts(outcomes, inputs)
+    return CameraShafts(outcomes, inputs, None if finder is None else finder.warning)
 
 
 class _FirstPass:
