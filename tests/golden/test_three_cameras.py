@@ -40,3 +40,9 @@ def test_three_cameras_give_one_rcm(session):
         measured.uncertainty.total_mm2,
         degrees_of_freedom=measured.uncertainty.degrees_of_freedom,
     )
+    assert measured.shaft.diameter.value_mm == pytest.approx(
+        measured.setup.diameter_mm, abs=3 * measured.shaft.diameter.u_mm
+    )
+    assert not measured.shaft.moved.significant
+    assert not measured.shaft.change.significant
+    assert all(pose.cylinder.chi_square < pose.cylinder.limit for pose in measured.used)
