@@ -1,6 +1,5 @@
 """What a measurement does where edges, cameras and one cylinder do not fit together."""
 
-
 import numpy as np
 import pytest
 

@@ -6,9 +6,12 @@ from markupsafe import Markup
 from pivometer.report.svg import picture, points, tag
 from pivometer.shaft.edges import ShaftEdges
 
-_WIDTH, _HEIGHT, _LEFT = 240.0, 84.0, 34.0
+_WIDTH, _HEIGHT, _LEFT = 240.0, 84.0, 52.0
 _LEAST_SPAN_PX = 0.1
 """Edges straighter than this look straight; a finer scale would show noise as if it mattered."""
+
+_TELLING_PX = 0.1
+"""Sections known worse than this do not set the scale; their bands are cut off at it."""
 
 
 def edge_plot(edges: ShaftEdges) -> Markup | None:
@@ -16,24 +19,33 @@ def edge_plot(edges: ShaftEdges) -> Markup | None:
     known = edges.deviation_sigma_px > 0
     if not known.any():
         return None
+    telling = known & (edges.deviation_sigma_px < _TELLING_PX)
     reach = np.abs(edges.deviation_px) + 2 * edges.deviation_sigma_px
-    span = max(float(reach[known].max()), _LEAST_SPAN_PX)
+    span = max(float(reach[telling].max(initial=0.0)), _LEAST_SPAN_PX)
+    scale = 0.22 * _HEIGHT / span
     parts = []
     for edge, middle in enumerate((0.27 * _HEIGHT, 0.73 * _HEIGHT)):
-        scale = 0.21 * _HEIGHT / span
-        parts.append(tag("path", d=f"M{_LEFT:.0f},{middle:.1f}H{_WIDTH:.0f}", class_="grid"))
         place = _LEFT + (np.arange(known.shape[1]) + 0.5) * (_WIDTH - _LEFT) / known.shape[1]
         x, size = place[known[edge]], edges.deviation_px[edge, known[edge]]
         sigma = 2 * edges.deviation_sigma_px[edge, known[edge]]
-        over, under = middle - (size + sigma) * scale, middle - (size - sigma) * scale
+        line, over, under = (
+            middle - np.clip(rows, -span, span) * scale
+            for rows in (size, size + sigma, size - sigma)
+        )
         band = [*zip(x, over, strict=True), *zip(x[::-1], under[::-1], strict=True)]
-        line = points(zip(x, middle - size * scale, strict=True))
         parts += [
+            tag("path", d=f"M{_LEFT:.0f},{middle:.1f}H{_WIDTH:.0f}", class_="grid"),
             tag("polygon", points=points(band), class_="edge-band"),
-            tag("polyline", points=line, class_="edge-line"),
+            tag("polyline", points=points(zip(x, line, strict=True)), class_="edge-line"),
+            tag(
+                "text",
+                f"± {span:.2f}",
+                x=_LEFT - 6,
+                y=middle + 4,
+                text_anchor="end",
+                class_="tick",
+            ),
         ]
-    for place_y, text in ((0.06 * _HEIGHT, f"+{span:.2f}"), (0.48 * _HEIGHT, f"−{span:.2f}")):
-        y = place_y + 4
-        parts.append(tag("text", text, x=_LEFT - 4, y=y, text_anchor="end", class_="tick"))
     title = f"Camera {edges.camera}: offsets of both edges from their lines, px, along the shaft"
+    parts.append(tag("title", title))
     return picture(*parts, width=_WIDTH, height=_HEIGHT, title=title, class_="edge-plot")
