@@ -1,6 +1,7 @@
 import base64
 import hashlib
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from pivometer.rcm import Finding
 from pivometer.report import SimulatedTruth, Thumbnail, make_thumbnail, render_html
+from pivometer.shaft.across import EdgeProfiles
 
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 HOSTILE = "<script>alert('x')</script><img src=x onerror=alert(1)>\"'&"
@@ -184,14 +186,31 @@ def test_hostile_names_notes_and_reasons_are_text(make_measurement, provenance):
 def test_seventy_poses_with_the_heaviest_pictures_stay_below_six_megabytes(measurement, provenance):
     rng = np.random.default_rng(0)
     noise = make_thumbnail(rng.integers(0, 256, (480, 640), dtype=np.uint8))
-    padded = Thumbnail(noise.jpeg.ljust(27_000, b"\0"), noise.width, noise.height, noise.scale)
-    pictures = {
-        (pose.pose, name): padded for pose in measurement.poses for name in ("left", "right")
-    }
-    page = render_html(measurement, thumbnails=pictures, provenance=provenance)
+    padded = Thumbnail(noise.jpeg.ljust(23_000, b"\0"), noise.width, noise.height, noise.scale)
+    keys = [(pose.pose, name) for pose in measurement.poses for name in ("left", "right")]
+    across = EdgeProfiles(np.linspace(-8, 8, 22), *rng.uniform(0, 255, (2, 2, 22)))
+    measurement = replace(
+        measurement, poses=tuple(with_sections(pose, rng) for pose in measurement.poses)
+    )
+    page = render_html(
+        measurement,
+        thumbnails=dict.fromkeys(keys, padded),
+        profiles=dict.fromkeys(keys, across),
+        provenance=provenance,
+    )
+    assert page.count('class="edge-fit"') == page.count('class="edge-line"') > 2 * 140
     size = len(page.encode())
     assert size < 6e6
-    assert size - 142 * 36_000 < 0.5e6
+    assert size - 142 * 30_700 < 1.5e6
+
+
+def with_sections(pose, rng):
+    """The pose with offsets stated all along its edges."""
+    sections = {
+        "deviation_px": rng.normal(0, 0.05, (2, 16)),
+        "deviation_sigma_px": np.full((2, 16), 0.02),
+    }
+    return replace(pose, edges=tuple(replace(one, **sections) for one in pose.edges))
 
 
 def test_a_pose_without_pictures_keeps_its_numbers(measurement, provenance):

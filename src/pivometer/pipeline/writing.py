@@ -19,6 +19,7 @@ from pivometer.measurement import Measurement
 from pivometer.pipeline.reading import Progress, ReadImage, streamed
 from pivometer.report.html import Provenance, SimulatedTruth, render_html
 from pivometer.report.thumbnails import Thumbnail, make_thumbnail
+from pivometer.shaft.across import EdgeProfiles, profiles_across
 from pivometer.shaft.background import sampled
 
 MOST_PICTURES = 300
@@ -62,9 +63,11 @@ def write_measurement(
     dict
         Paths of ``result.json``, ``centerlines.csv``, ``rig.json`` and ``report.html`` by name.
     """
+    thumbnails, profiles = _pictures(measurement, session, progress)
     report = render_html(
         measurement,
-        thumbnails=_thumbnails(session, progress),
+        thumbnails=thumbnails,
+        profiles=profiles,
         provenance=Provenance(_versions(), command, datetime.now(UTC)),
         simulated_truth=truth,
     )
@@ -79,21 +82,39 @@ def write_measurement(
     )
 
 
-def _thumbnails(session: Session, progress: Progress | None) -> dict[tuple[str, str], Thumbnail]:
-    """Make a small picture of the shaft images that can be read, at most some of a camera's."""
+_Key = tuple[str, str]
 
-    def thumbnail(frame: ReadImage) -> Thumbnail | None:
+
+def _pictures(
+    measurement: Measurement, session: Session, progress: Progress | None
+) -> tuple[dict[_Key, Thumbnail], dict[_Key, EdgeProfiles]]:
+    """Make small pictures of the shaft images that can be read, at most some of a camera's.
+
+    Where edges were fitted, the grey levels across them are looked up in the same pass.
+    """
+    edges = {(pose.pose, one.camera): one for pose in measurement.poses for one in pose.edges}
+    cameras = {camera.name: camera for camera in measurement.calibration.rig.cameras}
+
+    def picture(frame: ReadImage) -> tuple[Thumbnail, EdgeProfiles | None] | None:
         outcome = frame.outcome
-        return None if isinstance(outcome, ImageError) else make_thumbnail(outcome.image)
+        if isinstance(outcome, ImageError):
+            return None
+        found = edges.get((frame.stem, frame.file.camera))
+        return make_thumbnail(outcome.image), (
+            None if found is None else profiles_across(outcome.image, found, cameras[found.camera])
+        )
 
     shown = [list(session.shaft_images(name)) for name in session.cameras]
     files = [images[i] for images in shown for i in sampled(len(images), MOST_PICTURES)]
-    made = streamed(thumbnail, files, "drawing the report", progress)
-    return {
-        (file.view.rpartition("/")[2], file.camera): picture
-        for file, picture in zip(files, made, strict=True)
-        if picture is not None
-    }
+    made = streamed(picture, files, "drawing the report", progress)
+    thumbnails, profiles = {}, {}
+    for file, drawn in zip(files, made, strict=True):
+        key = (file.view.rpartition("/")[2], file.camera)
+        if drawn is not None:
+            thumbnails[key] = drawn[0]
+            if drawn[1] is not None:
+                profiles[key] = drawn[1]
+    return thumbnails, profiles
 
 
 def _versions() -> dict[str, str]:

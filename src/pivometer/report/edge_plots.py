@@ -1,9 +1,10 @@
-"""How straight each edge is: the rows' offsets along it, with their uncertainty."""
+"""Each edge, along: its rows' offsets with their uncertainty; and across: its grey levels."""
 
 import numpy as np
 from markupsafe import Markup
 
 from pivometer.report.svg import picture, points, tag
+from pivometer.shaft.across import EdgeProfiles
 from pivometer.shaft.edges import ShaftEdges
 
 _WIDTH, _HEIGHT, _LEFT = 240.0, 84.0, 52.0
@@ -49,3 +50,31 @@ def edge_plot(edges: ShaftEdges) -> Markup | None:
     title = f"Camera {edges.camera}: offsets of both edges from their lines, px, along the shaft"
     parts.append(tag("title", title))
     return picture(*parts, width=_WIDTH, height=_HEIGHT, title=title, class_="edge-plot")
+
+
+def profile_plot(profiles: EdgeProfiles, camera: str) -> Markup:
+    """Draw the grey levels across both edges, the shaft between them, and the fitted steps."""
+    low, high = float(profiles.grey.min()), float(profiles.grey.max())
+    scale = 0.9 * _HEIGHT / max(high - low, 1.0)
+    wide = (_WIDTH - _LEFT) / 2
+    reach = float(np.ptp(profiles.distance_px))
+    parts = [
+        tag("text", f"{high:.0f}", x=_LEFT - 6, y=12.0, text_anchor="end", class_="tick"),
+        tag("text", f"{low:.0f}", x=_LEFT - 6, y=_HEIGHT - 3, text_anchor="end", class_="tick"),
+    ]
+    for edge, sense in enumerate((-1.0, 1.0)):
+        # The shaft lies between: the first edge's outside to the left, the second's to the right.
+        centre = _LEFT + wide - sense * (-0.03 * wide + profiles.distance_px.min() / reach * wide)
+        x = centre + sense * profiles.distance_px / reach * 0.94 * wide
+        seen, fitted = (
+            0.95 * _HEIGHT - (y[edge] - low) * scale for y in (profiles.grey, profiles.fitted)
+        )
+        parts += [
+            tag("path", d=f"M{centre:.1f},0V{_HEIGHT:.0f}", class_="grid"),
+            *(tag("circle", cx=float(a), cy=float(b), r=1.5) for a, b in zip(x, seen, strict=True)),
+            tag("polyline", points=points(zip(x, fitted, strict=True)), class_="edge-fit"),
+        ]
+    title = f"Camera {camera}: grey levels across both edges, and a step at each fitted edge"
+    return picture(
+        *parts, tag("title", title), width=_WIDTH, height=_HEIGHT, title=title, class_="edge-plot"
+    )

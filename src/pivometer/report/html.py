@@ -17,7 +17,7 @@ from pivometer.report import setup_tables, tables
 from pivometer.report.chart import pose_chart
 from pivometer.report.coverage import coverage_pictures
 from pivometer.report.digits import error_decimals, fixed
-from pivometer.report.edge_plots import edge_plot
+from pivometer.report.edge_plots import edge_plot, profile_plot
 from pivometer.report.overlays import PosePicture, pose_pictures
 from pivometer.report.points import all_points_table
 from pivometer.report.scene import scene, scene_picture
@@ -32,6 +32,7 @@ from pivometer.report.tables import Table
 from pivometer.report.target import deciding_poses, mean_shaft_view, target_plot
 from pivometer.report.thumbnails import Thumbnail
 from pivometer.report.verdict import verdict
+from pivometer.shaft.across import EdgeProfiles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,6 +96,7 @@ def render_html(
     *,
     thumbnails: Mapping[tuple[str, str], Thumbnail],
     provenance: Provenance,
+    profiles: Mapping[tuple[str, str], EdgeProfiles] | None = None,
     simulated_truth: SimulatedTruth | None = None,
 ) -> str:
     """Return the report of a measurement as the text of one HTML file.
@@ -110,6 +112,8 @@ def render_html(
         Pictures by (pose, camera); a missing one is left out.
     provenance
         Versions, command and date.
+    profiles
+        Grey levels across the edges by (pose, camera); a missing one is left out.
     simulated_truth
         For a simulated session: adds how far the answer is from the truth.
 
@@ -139,7 +143,10 @@ def render_html(
         **_tables(measurement),
         structure=_structure(measurement),
         truth=None if simulated_truth is None else _truth_table(measurement, simulated_truth),
-        cards=[_card(pose, measurement, thumbnails, n) for n, pose in _numbered(measurement)],
+        cards=[
+            _card(pose, measurement, thumbnails, profiles or {}, n)
+            for n, pose in _numbered(measurement)
+        ],
     )
 
 
@@ -217,6 +224,7 @@ def _card(
     pose: UsedPose | RejectedPose,
     measurement: Measurement,
     thumbnails: Mapping[tuple[str, str], Thumbnail],
+    profiles: Mapping[tuple[str, str], EdgeProfiles],
     number: int,
 ) -> _Card:
     return _Card(
@@ -229,9 +237,19 @@ def _card(
         next_step="" if isinstance(pose, UsedPose) else pose.next_step,
         pictures=pose_pictures(pose, measurement, thumbnails),
         edges=tables.edge_table(pose),
-        plots=tuple(plot for one in pose.edges if (plot := edge_plot(one)) is not None),
+        plots=_plots(pose, profiles),
         warnings=tuple(f"{one.camera}: {text}" for one in pose.edges for text in one.warnings),
     )
+
+
+def _plots(
+    pose: UsedPose | RejectedPose, profiles: Mapping[tuple[str, str], EdgeProfiles]
+) -> tuple[Markup, ...]:
+    """Draw every camera's edges across, then along."""
+    cameras = [one.camera for one in pose.edges if (pose.pose, one.camera) in profiles]
+    across = [profile_plot(profiles[pose.pose, camera], camera) for camera in cameras]
+    along = [plot for one in pose.edges if (plot := edge_plot(one)) is not None]
+    return (*across, *along)
 
 
 def _truth_table(measurement: Measurement, truth: SimulatedTruth) -> Table:
