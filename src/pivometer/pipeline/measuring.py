@@ -124,6 +124,37 @@ def measure(
         if shafts.warning is not None:
             doubts.append(_doubt(camera.name, shafts.warning))
         inputs |= shafts.inputs
+    return measure_edges(session, calibration, seen, inputs, progress=progress)
+
+
+def measure_edges(
+    session: Session,
+    calibration: Calibration | ImportedRig,
+    seen: Mapping[str, Mapping[str, ShaftEdges | DataError]],
+    inputs: Mapping[str, str],
+    *,
+    progress: Progress | None = None,
+) -> Measurement:
+    """Measure the RCM from edges that are fitted already.
+
+    Parameters
+    ----------
+    session
+        What the session says of itself; its shaft images are not read.
+    calibration
+        Of the session's cameras.
+    seen
+        By camera and pose, the edges, or why there are none.
+    inputs
+        SHA-256 of the files behind them.
+    progress
+        Called as ``progress(stage, done, total)``.
+
+    Raises
+    ------
+    DataError
+        If the data cannot support an answer: its subclasses say why.
+    """
     poses = _poses(session, calibration.rig, seen)
     poses, shaft = checked_poses(poses, calibration, centerline)
     measurement = _measurement(session, calibration, poses, inputs)
