@@ -124,7 +124,15 @@ def measure(
         if shafts.warning is not None:
             doubts.append(_doubt(camera.name, shafts.warning))
         inputs |= shafts.inputs
-    return measure_edges(session, calibration, seen, inputs, progress=progress)
+    return measure_edges(
+        session,
+        calibration,
+        seen,
+        inputs,
+        doubts=doubts,
+        centerline=centerline,
+        progress=progress,
+    )
 
 
 def measure_edges(
@@ -133,6 +141,8 @@ def measure_edges(
     seen: Mapping[str, Mapping[str, ShaftEdges | DataError]],
     inputs: Mapping[str, str],
     *,
+    doubts: Sequence[Finding] = (),
+    centerline: Route = "paper",
     progress: Progress | None = None,
 ) -> Measurement:
     """Measure the RCM from edges that are fitted already.
@@ -147,6 +157,10 @@ def measure_edges(
         By camera and pose, the edges, or why there are none.
     inputs
         SHA-256 of the files behind them.
+    doubts
+        What was found while looking for the shaft.
+    centerline
+        As in `measure`.
     progress
         Called as ``progress(stage, done, total)``.
 
