@@ -58,3 +58,39 @@ def test_views_of_different_moments_keep_the_first_reason(build_scene):
     views += [v for v in stranger.views(0.05) if v.camera == "right"]
     told = failure(views, scene)
     assert "moments agree" in told.what
+
+
+def moved_in_one_camera(scene, moments, shift_mm, seed=3):
+    """Views of a board that moved by `shift_mm` before camera right saw it at some moments."""
+    random = np.random.default_rng(seed)
+    views = []
+    for view in scene.views(0.05):
+        if view.camera == "right" and view.view in moments:
+            pose = scene.camera_from_board("right", view.view)
+            step = random.standard_normal(3)
+            pose = replace(
+                pose, translation_mm=pose.translation_mm + shift_mm * step / np.linalg.norm(step)
+            )
+            moved = scene.view("right", view.view, pose)
+            view = replace(view, pixels=moved.pixels)
+        views.append(view)
+    return views
+
+
+def test_cameras_that_agree_at_some_moments_only_are_not_averaged(scene):
+    moments = [f"board/{number:03d}" for number in (1, 3, 4, 8, 10)]
+    told = failure(moved_in_one_camera(scene, moments, 3.0), scene)
+    assert "not synchronised" in told.what
+    named = set(re.findall(r"board/\d+", told.what))
+    assert named <= set(moments)
+    assert len(named) >= 4  # a board that moved along the sight of a camera is hard to tell
+    assert "filmed" not in told.what  # these pictures are far apart
+
+
+def test_one_moment_at_which_the_board_moved_is_left_out(scene):
+    views = moved_in_one_camera(scene, ["board/003"], 3.0)
+    found = calibrate_rig(views, scene.board, scene.sizes, reference="left")
+    assert {(r.camera, r.view) for r in found.rejected} == {
+        ("left", "board/003"),
+        ("right", "board/003"),
+    }

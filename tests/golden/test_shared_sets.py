@@ -7,10 +7,12 @@ import json
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 import pivometer
+from pivometer.errors import CalibrationError
 from pivometer.uncertainty import lies_within
 
 REAL_VIEWS = [f"{i:02}" for i in (1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 12, 13, 14)]
@@ -92,3 +94,23 @@ def test_rendered_shafts_measure_their_diameter(rendered):
     nominal = measured.setup.diameter_mm
     # An edge that is 0.1 px off, as plain step fits are on these shafts, is 1 % of a 10 mm shaft.
     np.testing.assert_allclose(diameters, nominal, rtol=0.01)
+
+
+def test_a_pair_filmed_in_motion_ends_in_a_diagnosis(shared_data, tmp_path):
+    """Webcams, a moving board, 6 frames a second: each camera fits, together they do not."""
+    for number, camera in enumerate(("left", "right")):
+        folder = tmp_path / "board" / camera
+        folder.mkdir(parents=True)
+        film = cv2.VideoCapture(str(shared_data / "caliscope_charuco2" / f"cam_{number}.mp4"))
+        frames = []
+        while (frame := film.read())[0]:
+            frames.append(frame[1])
+        for index in range(60, len(frames), 3):
+            cv2.imwrite(str(folder / f"{index:03d}.png"), frames[index])
+    (tmp_path / "session.toml").write_text(
+        '[board]\nkind = "charuco"\nsquares = [4, 5]\nsquare_mm = 54.0\n'
+        'dictionary = "DICT_4X4_1000"\nmarker_mm = 40.5\n',
+        encoding="utf-8",
+    )
+    with pytest.raises(CalibrationError, match=r"not synchronised|not taken at the same moment"):
+        pivometer.calibrate(pivometer.load(tmp_path))

@@ -28,6 +28,7 @@ from pivometer.calibration.joint_route import (
     JointFit,
     joint_fit,
     require_agreement,
+    require_common_moments,
     require_invertible,
 )
 from pivometer.calibration.metric_scale import length_error, reconstructed_edges
@@ -139,6 +140,7 @@ def calibrate_rig(
     require_pairs(numbering.views, tree, numbering.rejected)
     joint = joint_fit(numbering.views, board, rig, weighted, tree)
     used = UsedViews(tuple(p.view for p in joint.posed), board, alone, tree, weighted)
+    require_common_moments(joint, numbering.views)
     require_agreement(joint, alone)
     require_invertible(joint)
     paper = used.paper_route()
