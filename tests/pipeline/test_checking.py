@@ -12,12 +12,13 @@ from pivometer.calibration.result import LengthError
 from pivometer.cli import main
 from pivometer.errors import DataError, UsageError
 from pivometer.io.result import result_text
-from pivometer.measurement import Measurement, UsedPose
+from pivometer.measurement import Measurement, ShaftAgreement, UsedPose
 from pivometer.pipeline import check
 from pivometer.pipeline.junit import junit_text
 from pivometer.pipeline.own_error import own_error, with_own_error
 from pivometer.pipeline.structuring import structure_of
 from pivometer.rcm import Finding, solve
+from pivometer.uncertainty.shaft_check import MoveTest, ShaftDiameter
 
 Make = Callable[..., Measurement]
 
@@ -79,6 +80,13 @@ def test_what_is_no_length_is_refused(
         check(good(make_measurement), limit, guard_mm=guard)
 
 
+def agreement() -> ShaftAgreement:
+    """What is stated where edges and cameras fit together."""
+    diameter = ShaftDiameter(10.0, 0.01, 0.001, 0.01, 0.0001, 1.96, 0.02)
+    still = MoveTest("", 0, 9.0, 28.0)
+    return ShaftAgreement("paper", diameter, 1.0, still, still, "000")
+
+
 def broken(measurement: Measurement, condition: str, make: Make) -> Measurement:
     """Break one condition of validity."""
     if condition == "geometry":
@@ -90,6 +98,8 @@ def broken(measurement: Measurement, condition: str, make: Make) -> Measurement:
         return replace(measurement, calibration=worse)
     if condition == "diameter":
         return replace(measurement, setup=replace(measurement.setup, diameter_mm=9.6))
+    if condition == "agreement":
+        return replace(measurement, shaft=replace(agreement(), moved=MoveTest("", 0, 40.0, 28.0)))
     if condition == "stillness":
         moved = measurement.structure
         patterns = [replace(p, found=p.kind == "order", text="jumps") for p in moved.patterns]
@@ -98,13 +108,13 @@ def broken(measurement: Measurement, condition: str, make: Make) -> Measurement:
 
 
 @pytest.mark.parametrize(
-    "condition", ["geometry", "poses", "calibration", "diameter", "noise", "stillness"]
+    "condition", ["geometry", "poses", "calibration", "diameter", "agreement", "noise", "stillness"]
 )
 def test_a_condition_that_is_not_met_forbids_a_decision(
     condition: str, make_measurement: Make
 ) -> None:
     measurement = with_own_error(good(make_measurement))
-    measurement = replace(measurement, structure=structure_of(measurement))
+    measurement = replace(measurement, structure=structure_of(measurement), shaft=agreement())
     assert all(one.status == "met" for one in check(measurement, 0.5).validity)
     outcome = check(broken(measurement, condition, make_measurement), 0.5)
     assert (outcome.decision, outcome.exit_code) == ("invalid", 4)

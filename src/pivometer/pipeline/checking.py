@@ -10,7 +10,7 @@ import numpy as np
 
 from pivometer.errors import DataError, PivometerError, UsageError
 from pivometer.geometry import distances_to_lines
-from pivometer.measurement import ImportedRig, Measurement
+from pivometer.measurement import ImportedRig, Measurement, ShaftAgreement
 from pivometer.pipeline.own_error import own_error
 from pivometer.rcm import minimax_rcm
 from pivometer.rcm.geometry_check import FEWEST_POSES_ADVISED, swept_by_one_joint
@@ -186,6 +186,8 @@ def _validity(measurement: Measurement, limit_mm: float) -> Iterator[Condition]:
     )
     yield _calibrated(measurement, limit_mm / CALIBRATION_RATIO)
     yield _diameter(measurement)
+    if measurement.shaft is not None:
+        yield _agreement(measurement.shaft)
     own = measurement.intrinsic
     if own is not None:
         yield _condition(
@@ -262,6 +264,17 @@ def _diameter(measurement: Measurement) -> Condition:
         abs(seen - nominal) <= SPREAD_TOLERANCE * nominal,
         f"the shaft measures {seen:.3f} mm, its nominal diameter is {nominal:g} mm, "
         f"{100 * SPREAD_TOLERANCE:g} % is the most they may differ",
+    )
+
+
+def _agreement(shaft: ShaftAgreement) -> Condition:
+    """Ask that the edges fit cameras that stand where the calibration says, all the time."""
+    return _condition(
+        "agreement",
+        not (shaft.moved.significant or shaft.change.significant),
+        "what the edges say of cameras that stand elsewhere than calibrated has a χ² of "
+        f"{shaft.moved.chi_square:.0f}, by chance under {shaft.moved.limit:.0f}; of one that moved "
+        f"during the session {shaft.change.chi_square:.0f}, under {shaft.change.limit:.0f}",
     )
 
 
