@@ -78,7 +78,12 @@ def edge_normals(points_px: ArrayLike, camera: Camera) -> Floats:
 
 
 def fit_edges(
-    image: ArrayLike, camera: Camera, seed: ShaftSeed, *, blur: Blur | None = None
+    image: ArrayLike,
+    camera: Camera,
+    seed: ShaftSeed,
+    *,
+    background: ArrayLike | None = None,
+    blur: Blur | None = None,
 ) -> ShaftEdges:
     """Return both edges of a shaft by maximum likelihood on the raw pixels beside them.
 
@@ -95,6 +100,11 @@ def fit_edges(
         Its camera.
     seed
         Where the edges roughly are, to about 2 px.
+    background
+        An empty frame: the same view without the shaft, same shape. Before clutter it makes edges
+        far more certain.
+    blur
+        What is known of the blur, as from other images of a session.
 
     Returns
     -------
@@ -128,7 +138,9 @@ def fit_edges(
     if fitted is None and width_px(start) < THIN_PX:
         fitted = fit_thin(turned, (maps[0], maps[1]), start)
     if fitted is None:
-        fitted = fit_ladder(turned, (maps[0], maps[1]), start, blur or Blur())
+        empty = None if background is None else _pixels(background, camera)
+        empty = empty if empty is None or upright else empty.T
+        fitted = fit_ladder(turned, (maps[0], maps[1]), start, blur or Blur(), empty)
     if fitted is None:
         fitted = fit_shaded(pixels, camera, start, FIRST_BLUR_PX)
     refuse_fit(camera, fitted, first)

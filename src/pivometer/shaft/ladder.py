@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +26,7 @@ from pivometer.shaft.rungs import (
     OUT,
     OUT_RAMP,
     RAMP,
+    Behind,
     Blur,
     EdgeRows,
     Rest,
@@ -137,7 +139,11 @@ def _stepped(parameters: Floats, step: Floats) -> Floats:
 
 
 def fit_ladder(
-    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], lines: Lines, blur: Blur
+    turned: NDArray[np.generic],
+    maps: tuple[BandMap, BandMap],
+    lines: Lines,
+    blur: Blur,
+    background: NDArray[np.generic] | None = None,
 ) -> FittedEdges | None:
     """Return both edges of a shaded shaft, or None before clutter.
 
@@ -151,6 +157,8 @@ def fit_ladder(
         The edges to a pixel or so, undistorted px.
     blur
         What is known of the blur.
+    background
+        An empty frame of the same camera, turned likewise.
 
     References
     ----------
@@ -164,27 +172,55 @@ def fit_ladder(
     reach = rungs[0].inner_px * widen + 0.5, RUNGS[0].outer_px * widen + 0.5
     near = maps[0].towards(lines[0]), maps[1].towards(lines[1])
     bands = strip(turned, near, lines, near_px=reach, inner_px=0.0, outer_px=0.0)
-    first = _first(bands, lines, blur)
+    behind = None if background is None else _behind(background, near, lines, reach)
+    first = _first(bands, lines, blur, behind)
     if first is None:
         return None
     edges, parameters = first
     if parameters[4] > WIDER * widen:
         moved = lines[0].moved(*parameters[:2]), lines[1].moved(*parameters[2:4])
-        return fit_ladder(turned, maps, moved, Blur(float(parameters[4]), blur.sigma_px))
+        wider = Blur(float(parameters[4]), blur.sigma_px)
+        return fit_ladder(turned, maps, moved, wider, background)
     return _climbed(edges, rungs, parameters, turned.dtype)
 
 
-def _edges(bands: Strip, lines: Lines, valid: Floats, blur: Blur, noise: float) -> _Edges:
+def _behind(
+    background: NDArray[np.generic],
+    maps: tuple[BandMap, BandMap],
+    lines: Lines,
+    reach_px: tuple[float, float],
+) -> Behind:
+    """Return the empty frame and its slope outward at the pixels that `strip` gathers."""
+    grey = background.astype(np.float32)
+    along_x, along_y = (cv2.Sobel(grey, cv2.CV_32F, *d, ksize=1) / 2 for d in ((1, 0), (0, 1)))
+    planes = [
+        strip(plane, maps, lines, near_px=reach_px, inner_px=0.0, outer_px=0.0).near
+        for plane in (grey, along_x, along_y)
+    ]
+    # In the turned image: its normal from how the edge's column changes from row to row.
+    turns = [float((m.centre[-1] - m.centre[0]) / max(len(m.rows) - 1, 1)) for m in maps]
+    normals = [
+        m.outward * np.array([1, -t]) / np.hypot(1, t) for m, t in zip(maps, turns, strict=True)
+    ]
+    slope = np.stack([n[0] * planes[1][e] + n[1] * planes[2][e] for e, n in enumerate(normals)])
+    return Behind(planes[0], slope)
+
+
+def _edges(
+    bands: Strip, lines: Lines, valid: Floats, blur: Blur, noise: float, behind: Behind | None
+) -> _Edges:
     middle = bands.lever[..., bands.lever.shape[2] // 2, None]
     halves = np.maximum(width_px(lines) / 2 + tapers_px(lines)[..., 0] * middle, 1.0)
-    rows = EdgeRows.of(bands, halves, valid, 0), EdgeRows.of(bands, halves, valid, 1)
-    return _Edges(bands, lines, rows, blur, noise)
+    first, second = (EdgeRows.of(bands, halves, valid, behind, edge) for edge in (0, 1))
+    return _Edges(bands, lines, (first, second), blur, noise)
 
 
-def _first(bands: Strip, lines: Lines, blur: Blur) -> tuple[_Edges, Floats] | None:
+def _first(
+    bands: Strip, lines: Lines, blur: Blur, behind: Behind | None
+) -> tuple[_Edges, Floats] | None:
     """Return the edges with rows and noise, and parameters from a narrow window."""
     parameters = np.array([0.0, 0.0, 0.0, 0.0, blur.mean_px])
-    edges = _edges(bands, lines, bands.valid, blur, 1.0)
+    edges = _edges(bands, lines, bands.valid, blur, 1.0, behind)
     for iteration in range(FIRST_ITERATIONS):
         rests = edges.rests((FIRST, FIRST), parameters)
         noise = _noise(rests)
@@ -192,7 +228,7 @@ def _first(bands: Strip, lines: Lines, blur: Blur) -> tuple[_Edges, Floats] | No
             alike = np.stack([_alike_rows(rest) for rest in rests]) * bands.valid
             if (alike.sum(axis=1) < LEAST_USED * np.maximum(bands.valid.sum(axis=1), 1)).any():
                 return None
-            edges = _edges(bands, lines, alike, blur, noise)
+            edges = _edges(bands, lines, alike, blur, noise, behind)
         step, _ = solve(rests, noise, blur, parameters)
         parameters = _stepped(parameters, step)
         if iteration > GATE_AT and np.abs(step).max() < FIRST_PX:
@@ -202,7 +238,7 @@ def _first(bands: Strip, lines: Lines, blur: Blur) -> tuple[_Edges, Floats] | No
         LARGEST_CLUTTERED_PART
     ):
         return None
-    return _edges(bands, lines, alike, blur, noise), parameters
+    return _edges(bands, lines, alike, blur, noise, behind), parameters
 
 
 def _noise(rests: Sequence[Rest]) -> float:

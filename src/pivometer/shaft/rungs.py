@@ -41,6 +41,26 @@ class Blur:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Behind:
+    """What an empty frame shows at the pixels of a `Strip`, shape (…, rows, columns).
+
+    Parameters
+    ----------
+    grey
+        Its grey levels.
+    slope
+        Their derivative outward, grey levels per px.
+    """
+
+    grey: Floats
+    slope: Floats
+
+    def part(self, at: int | tuple[slice, slice]) -> Behind:
+        """Return one edge's, or some rows and columns."""
+        return Behind(self.grey[at], self.slope[at])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class EdgeRows:
     """The pixels beside one edge, shape (rows, columns), as `Strip` has them for two."""
 
@@ -50,12 +70,22 @@ class EdgeRows:
     scale: Floats  # (rows, 1)
     half_px: Floats  # (rows, 1)
     valid: Floats  # (rows,)
+    behind: Behind | None = None
 
     @classmethod
-    def of(cls, bands: Strip, half_px: Floats, valid: Floats, edge: int) -> EdgeRows:
+    def of(
+        cls, bands: Strip, half_px: Floats, valid: Floats, behind: Behind | None, edge: int
+    ) -> EdgeRows:
         """Return the rows of one edge of a strip."""
-        fields = (bands.near, bands.x_px, bands.lever, bands.scale, half_px, valid)
-        return cls(*(field[edge] for field in fields))
+        return cls(
+            bands.near[edge],
+            bands.x_px[edge],
+            bands.lever[edge],
+            bands.scale[edge],
+            half_px[edge],
+            valid[edge],
+            None if behind is None else behind.part(edge),
+        )
 
     def within(self, low: float, high: float) -> EdgeRows:
         """Return the columns that may be between two distances."""
@@ -66,7 +96,8 @@ class EdgeRows:
         place = np.flatnonzero((x.max(axis=0) > low) & (x.min(axis=0) < high))
         at = slice(int(place[0]), int(place[-1]) + 1) if place.size else slice(0, 1)
         cut = (self.grey[:, at], self.x_px[:, at], self.lever[:, at])
-        return EdgeRows(*cut, self.scale, self.half_px, self.valid)
+        seen = None if self.behind is None else self.behind.part((slice(None), at))
+        return EdgeRows(*cut, self.scale, self.half_px, self.valid, seen)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +154,7 @@ def evaluate(rows: EdgeRows, rung: Rung, parameters: Floats, widen: float) -> Re
     x = cut.x_px - cut.scale * (offset + tilt * cut.lever)
     shape = (len(x) // CHUNK_ROWS, -1)
     used = (cut.valid[:, None] * ((x > low) & (x < high))).reshape(shape)
-    values, slopes, spreads = _terms(x, blur, cut.half_px, rung, shape)
+    values, slopes, spreads = _terms(x, blur, cut, rung, shape)
     values *= used[:, None]
     gram = values @ np.swapaxes(values, -1, -2)
     size = np.trace(gram, axis1=-2, axis2=-1)[:, None, None]
@@ -154,9 +185,14 @@ def evaluate(rows: EdgeRows, rung: Rung, parameters: Floats, widen: float) -> Re
 
 
 def _terms(
-    x: Floats, blur: float, half_px: Floats, rung: Rung, shape: tuple[int, int]
+    x: Floats, blur: float, rows: EdgeRows, rung: Rung, shape: tuple[int, int]
 ) -> tuple[Floats, Floats, Floats]:
-    """Return a rung's blurred terms and their derivatives by distance and blur, (chunks, k, p)."""
+    """Return a rung's blurred terms and their derivatives by distance and blur, (chunks, k, p).
+
+    Where an empty frame B tells the background, it takes the place of the outside level, with its
+    slope B' to first order, as blurring what the shaft leaves of it gives B Φ + s² B' φ; and a
+    level takes the place of the outside ramp, for a shadow.
+    """
     z = x / blur
     bell = np.exp(-0.5 * z * z) / (np.sqrt(2 * np.pi) * blur)
     outside = normal_cdf(z, bell * blur)
@@ -164,7 +200,9 @@ def _terms(
     wide = blur * blur * bell
     found = []
     for term in rung.terms:
-        if term == OUT:
+        if term == OUT and rows.behind is not None:
+            found.append(_hidden(rows.behind, outside, bell, z, blur))
+        elif term == OUT or (term == OUT_RAMP and rows.behind is not None):
             found.append((outside, bell, -z * bell))
         elif term == OUT_RAMP:
             found.append((x * outside + wide, outside, blur * bell))
@@ -173,9 +211,21 @@ def _terms(
         elif term == RAMP:
             found.append((wide - x * inside, -inside, blur * bell))
         else:
-            found.append(limb(x, blur, half_px))
+            found.append(limb(x, blur, rows.half_px))
     stacks = [np.stack([f[k].reshape(shape) for f in found], axis=1) for k in range(3)]
     return stacks[0], stacks[1], stacks[2]
+
+
+def _hidden(
+    behind: Behind, outside: Floats, bell: Floats, z: Floats, blur: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return B Φ + s² B' φ and its derivatives by distance and blur."""
+    grey, slope = behind.grey, behind.slope * blur
+    return (
+        grey * outside + slope * blur * bell,
+        (grey - slope * z) * bell,
+        (slope * (1 + z * z) - grey * z) * bell,
+    )
 
 
 def solve(
