@@ -149,7 +149,8 @@ ROWS = (
 def fit(scene: Scene) -> ShaftEdges | None:
     """Return Pivometer's edges."""
     try:
-        return fit_edges(scene.image, scene.camera, ShaftSeed(scene.seed_px))
+        seed = ShaftSeed(scene.seed_px)
+        return fit_edges(scene.image, scene.camera, seed, background=scene.background)
     except ShaftNotFoundError:
         return None
 

@@ -7,13 +7,17 @@ import cv2
 import numpy as np
 import pytest
 from scipy.interpolate import RectBivariateSpline
+from scipy.special import ndtr
 
 from pivometer._arrays import Floats
 from pivometer.cameras import Camera, Rig
 from pivometer.errors import ShaftNotFoundError, ShapeError
 from pivometer.geometry import RigidTransform, distances_to_lines, tangent_plane_normals
+from pivometer.shaft.band_map import band_map, picked
+from pivometer.shaft.bands import EdgeLine
 from pivometer.shaft.detection import ShaftSeed
 from pivometer.shaft.edges import edge_normals, fit_edges
+from pivometer.shaft.profile import normal_cdf
 from pivometer.shaft.triangulation import triangulate_centerline
 
 FACTOR = 10
@@ -73,15 +77,16 @@ def render(
     taper: float = 0.02,
     offset_px: float = 0.37,
     inside: float = 180.0,
-    outside: float = 20.0,
+    outside: float | Floats = 20.0,
     limb: float = 0.0,
     side_light: float = 0.0,
     psf_px: float = 0.7,
 ) -> Scene:
     """Render a shaft that crosses the whole image.
 
-    `limb` is the part of the inside level that falls off towards the edges as √(1 − ξ²), and
-    `side_light` the part that changes linearly from one edge to the other.
+    `outside` may be a picture of FACTOR × FACTOR samples a pixel. `limb` is the part of the inside
+    level that falls off towards the edges as √(1 − ξ²), and `side_light` the part that changes
+    linearly from one edge to the other.
     """
     angle = np.radians(angle_deg)
     along = np.array([np.cos(angle), np.sin(angle)])
@@ -326,6 +331,120 @@ def test_image_of_another_size_is_refused():
     scene = render(camera_of())
     with pytest.raises(ShapeError):
         fit_edges(scene.clean[:-1], scene.camera, ShaftSeed(scene.seed_px))
+
+
+# Surroundings and shading ------------------------------------------------------------------
+
+
+def test_a_known_background_makes_edges_before_texture_certain():
+    rng = np.random.default_rng(17)
+    camera = camera_of()
+    texture = np.full((camera.height * FACTOR, camera.width * FACTOR), 80.0)
+    for _ in range(300):
+        place = rng.uniform(0, [camera.width * FACTOR, camera.height * FACTOR]).astype(int)
+        axes = rng.uniform(3 * FACTOR, 20 * FACTOR, 2).astype(int)
+        cv2.ellipse(texture, place.tolist(), axes.tolist(), 30, 0, 360, rng.uniform(30, 130), -1)
+    scene = render(camera, outside=texture, inside=190.0)
+    blurred = cv2.GaussianBlur(texture, (0, 0), scene.psf_px * FACTOR)
+    empty = blurred.reshape(camera.height, FACTOR, camera.width, FACTOR).mean(axis=(1, 3))
+    empty += rng.normal(0, NOISE, empty.shape)
+    without, known = [], []
+    for _ in range(4):
+        image = scene.with_noise(NOISE, rng)
+        seed = ShaftSeed(scene.seed_px + rng.uniform(-1, 1, (2, 2, 2)))
+        for found, background in ((without, None), (known, empty)):
+            edges = fit_edges(image, camera, seed, background=background)
+            found.append(scene.offsets_px(edges.points_px).mean(axis=1))
+    # The requirement is 0.008 px rms over many scenes; of one scene's 8 errors 0.012 is 1.5 times.
+    assert rms(known) < 0.012
+    assert rms(known) < rms(without)
+
+
+def test_windows_that_disagree_are_stated_as_uncertainty():
+    """A highlight beside one edge bends it in wide windows; the narrow ones are less certain."""
+    rng = np.random.default_rng(18)
+    scene = render(camera_of(), width_px=40.0)
+    stripe = render(
+        camera_of(), width_px=2.0, taper=0.0, offset_px=0.37 + 16.5, inside=100, outside=0
+    )
+    image = scene.with_noise(NOISE, rng) + stripe.clean
+    edges = fit_edges(image, scene.camera, ShaftSeed(scene.seed_px))
+    offsets = scene.offsets_px(edges.points_px).mean(axis=1)
+    assert (np.abs(offsets) < 3 * edges.sigma_px).all()
+    plain = fit_edges(image - stripe.clean, scene.camera, ShaftSeed(scene.seed_px))
+    assert (edges.sigma_px > 3 * plain.sigma_px).all()
+
+
+def test_what_spoils_an_edge_is_named():
+    rng = np.random.default_rng(19)
+    scene = render(camera_of(), inside=262.0)
+    image = scene.with_noise(NOISE, rng).clip(0, 255).astype(np.uint8)
+    edges = fit_edges(image, scene.camera, ShaftSeed(scene.seed_px))
+    assert edges.saturated_part.min() > 0.3
+    assert any("saturated" in text for text in edges.warnings)
+    faint = render(camera_of(), inside=36.0)
+    edges = fit_edges(faint.with_noise(4.0, rng), faint.camera, ShaftSeed(faint.seed_px))
+    assert any("low contrast" in text for text in edges.warnings)
+    plain = render(camera_of())
+    edges = fit_edges(plain.with_noise(NOISE, rng), plain.camera, ShaftSeed(plain.seed_px))
+    assert edges.warnings == ()
+    assert edges.shading == "flat"
+
+
+def test_a_wrong_lens_bows_both_edges_and_is_named():
+    rng = np.random.default_rng(20)
+    scene = render(camera_of(beta=(-0.03, 0.0)), angle_deg=85.0, offset_px=-60.0)
+    straight = camera_of()
+    edges = fit_edges(scene.with_noise(NOISE, rng), straight, ShaftSeed(scene.seed_px))
+    bows = []
+    for start, end in scene.edges_px:
+        points = start + np.linspace(0, 1, 201)[:, None] * (end - start)
+        raw = scene.camera.pixels_from_normalized(
+            (points - straight.principal_point_px) / straight.focal_px
+        )
+        raw = raw[((raw >= 0) & (raw <= [319, 239])).all(axis=1)]
+        chord = raw[-1] - raw[0]
+        away = raw[len(raw) // 2] - raw[[0, -1]].mean(axis=0)
+        bows.append(abs(float(chord[0] * away[1] - chord[1] * away[0])) / np.hypot(*chord))
+    assert edges.curvature_px[0] * edges.curvature_px[1] < 0
+    # Free grey levels in short chunks leave the bow to a fifth.
+    assert np.abs(edges.curvature_px) == pytest.approx(bows, rel=0.25)
+    assert (np.abs(edges.curvature_px) > 4 * edges.curvature_sigma_px).all()
+    assert any("bent" in text for text in edges.warnings)
+
+
+@pytest.mark.parametrize("upright", [True, False])
+def test_band_maps_undistort_as_the_camera_does(upright):
+    camera = camera_of(beta=(-0.28, 0.1))
+    raw = np.array([[90.0, 4.0], [150.0, 235.0]])
+    if not upright:
+        raw = np.array([[5.0, 60.0], [315.0, 110.0]])
+    start, end = camera.undistorted_pixels(raw)
+    along = (end - start) / np.hypot(*(end - start))
+    line = EdgeLine(start, end, np.array([-along[1], along[0]]))
+    shape = (camera.height, camera.width)
+    found = band_map(
+        camera, line, shape if upright else shape[::-1], upright=upright, reach_px=20.0
+    )
+    columns = np.rint(found.centre)[:, None] + np.arange(-12, 13)
+    rows = np.broadcast_to(found.rows[:, None], columns.shape)
+    pixels = np.stack([columns, rows] if upright else [rows, columns], axis=-1)
+    distance = (camera.undistorted_pixels(pixels) - line.middle_px) @ line.outward
+    ours = found.coordinate(line.outward, -float(line.outward @ line.middle_px), columns)
+    assert np.abs(ours - distance).max() < 1e-4  # a tenth of the best edge's uncertainty
+
+
+def test_pixels_are_picked_alike_from_upright_and_turned_images():
+    image = np.arange(12).reshape(3, 4)
+    rows, columns = np.array([0, 2]), np.array([[1, 2], [0, 1]])
+    for turned in (image, np.ascontiguousarray(image.T).T, np.arange(24).reshape(3, 8)[:, ::2]):
+        assert (picked(turned, rows, columns) == turned[rows[:, None], columns]).all()
+
+
+def test_the_quick_normal_distribution_is_the_exact_one():
+    z = np.linspace(-12, 12, 9973)
+    density = np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi)
+    assert np.abs(normal_cdf(z, density) - ndtr(z)).max() < 2e-9
 
 
 # Independently rendered sessions ------------------------------------------------------------

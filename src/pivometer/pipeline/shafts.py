@@ -53,7 +53,8 @@ def camera_shafts(
     finder = first.learned(background, hint)
 
     def edges(frame: ReadImage) -> tuple[dict[str, str], ShaftEdges | DataError]:
-        return hashes([frame]), _edges(frame, camera, finder, first.samples.get(frame.file.view))
+        sample = first.samples.get(frame.file.view)
+        return hashes([frame]), _edges(frame, camera, finder, sample, background)
 
     outcomes: dict[str, ShaftEdges | DataError] = {}
     fitted = streamed(edges, files, f"fitting edges {camera.name}", progress, first.kept)
@@ -100,7 +101,11 @@ def _same(frame: ReadImage) -> ReadImage:
 
 
 def _edges(
-    frame: ReadImage, camera: Camera, finder: ShaftFinder | None, sample: int | None
+    frame: ReadImage,
+    camera: Camera,
+    finder: ShaftFinder | None,
+    sample: int | None,
+    background: Image | None,
 ) -> ShaftEdges | DataError:
     """Find and fit the shaft's edges in one frame, or say what went wrong."""
     try:
@@ -110,7 +115,7 @@ def _edges(
         seed = finder.find(image, sample=sample)
         if isinstance(seed, SeedRejection):
             return ShaftNotFoundError(seed.reason, next_step=SHAFT_ADVICE)
-        return fit_edges(image, camera, seed)
+        return fit_edges(image, camera, seed, background=background)
     except DataError as error:
         return error
 

@@ -15,7 +15,6 @@ from pivometer.shaft.fitted import ShaftEdges, shaft_edges
 from pivometer.shaft.ladder import fit_ladder
 from pivometer.shaft.plain import fit_plain
 from pivometer.shaft.refusals import refuse_fit, refuse_outside, refuse_width
-from pivometer.shaft.rungs import Blur
 from pivometer.shaft.search import found_lines
 from pivometer.shaft.shaded import FIRST_BLUR_PX, fit_shaded
 from pivometer.shaft.silhouette import coimage_normal, normalized_line, outward_normals
@@ -83,7 +82,6 @@ def fit_edges(
     seed: ShaftSeed,
     *,
     background: ArrayLike | None = None,
-    blur: Blur | None = None,
 ) -> ShaftEdges:
     """Return both edges of a shaft by maximum likelihood on the raw pixels beside them.
 
@@ -103,8 +101,6 @@ def fit_edges(
     background
         An empty frame: the same view without the shaft, same shape. Before clutter it makes edges
         far more certain.
-    blur
-        What is known of the blur, as from other images of a session.
 
     Returns
     -------
@@ -140,7 +136,7 @@ def fit_edges(
     if fitted is None:
         empty = None if background is None else _pixels(background, camera)
         empty = empty if empty is None or upright else empty.T
-        fitted = fit_ladder(turned, (maps[0], maps[1]), start, blur or Blur(), empty)
+        fitted = fit_ladder(turned, (maps[0], maps[1]), start, empty)
     if fitted is None:
         fitted = fit_shaded(pixels, camera, start, FIRST_BLUR_PX)
     refuse_fit(camera, fitted, first)

@@ -434,6 +434,8 @@ def _judged(
     slope = features[:, :, 2].reshape(residual.shape)
     slope = slope * np.repeat(contrast, CHUNK_ROWS, axis=1)[..., None]
     information = np.einsum("ijk,ijk->ij", slope, slope)
+    left = step.chunk_information[..., 0, 0] / np.maximum(_by_chunk(information), 1e-9)
+    information = information * np.repeat(left, CHUNK_ROWS, axis=1)
     offset = -np.einsum("ijk,ijk->ij", slope, residual) / np.maximum(information, 1e-9)
     seen = _by_chunk(weights) * (np.abs(contrast) > LEAST_CONTRAST_NOISES * np.sqrt(noise.mean()))
     chunk = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1e-9)

@@ -241,7 +241,7 @@ def normal_cdf(z: Floats, density: Floats) -> Floats:
     --------
     >>> z = np.array([-9.0, -1.2345, 0.0, 2.0])
     >>> normal_cdf(z, np.exp(-z * z / 2) / np.sqrt(2 * np.pi)).round(7)
-    array([0.       , 0.1085068, 0.5      , 0.9772499])
+    array([0.       , 0.1085083, 0.5      , 0.9772499])
     """
     place = np.minimum(np.maximum(z, -CDF_REACH), CDF_REACH)
     place += CDF_REACH
