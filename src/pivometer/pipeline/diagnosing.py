@@ -28,8 +28,9 @@ BETTER = 5.0
 order is wrong; chosen, not measured: a wrong order is off by millimetres, the right one by what the
 robot and the instrument are."""
 LAGS = (1, -1, 2, -2)
-CALIPER_U_MM = 0.02
-"""Standard uncertainty of a stated diameter: what a caliper with a resolution of 0.05 mm reads."""
+CALIPER_U_MM, STATED_U_PART = 0.02, 0.003
+"""Standard uncertainty of a stated diameter: what a caliper with a resolution of 0.05 mm reads, or
+0.3 % of a shaft so thin that nobody measures it so coarsely."""
 
 Seen = Mapping[str, Mapping[str, ShaftEdges | DataError]]
 
@@ -168,7 +169,7 @@ def scale_finding(measurement: Measurement) -> Finding | None:
     if measurement.shaft is not None:
         value, u = measurement.shaft.diameter.value_mm, measurement.shaft.diameter.u_mm
     off = value / nominal - 1
-    if abs(value - nominal) < 3 * np.hypot(u, CALIPER_U_MM):
+    if abs(value - nominal) < 3 * np.hypot(u, min(CALIPER_U_MM, STATED_U_PART * nominal)):
         return None
     return Finding(
         "warning",
