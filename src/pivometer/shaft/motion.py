@@ -98,7 +98,8 @@ class Motion:
     @property
     def passing(self) -> Passing:
         """Where the edges of the shaft pass."""
-        return Passing(self.pivot_px, 0.8 * self.width_px + 2 * self.spread_px)
+        reach = 0.8 * self.width_px + 2 * self.spread_px
+        return Passing(self.pivot_px, reach, self.width_px)
 
     def departures(self, table: PairTable) -> tuple[Floats, Floats]:
         """Return how far each pair passes the pivot and how its width differs, in spreads.

@@ -39,6 +39,9 @@ WINDOW_BINS = 12
 """A gap of up to half of this window (24 px) does not end an edge."""
 
 MOST_LINES = 40
+MOST_PASSING = 16
+"""Lines that are fitted of those that pass a known pivot; the shaft's are among the longest."""
+
 LEAST_SUPPORT_PX = 32.0
 MOST_TILT = 0.12
 """Largest angle (rad) between a shaft's two edges; a 10 mm shaft pointing at a camera 480 mm away
@@ -118,10 +121,18 @@ def edge_pair(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passing:
-    """Only lines that pass a point, in pixels from the image's centre, within a reach."""
+    """Only lines that pass a point, px from the centre, and pairs about as wide there."""
 
     point_px: Floats
     reach_px: float
+    width_px: float
+
+    def both(self, one: EdgeLine, other: EdgeLine) -> bool:
+        """Tell whether two lines, normals the same way, can be a pair; far wider than any gate."""
+        sides = [line.offset_px - line.normal @ self.point_px for line in (one, other)]
+        apart = abs(sides[1] - sides[0])
+        near = abs(sides[0] + sides[1]) / 2 < self.reach_px
+        return bool(near and 0.5 * self.width_px - 4 < apart < 1.6 * self.width_px + 4)
 
 
 def edge_lines(
@@ -169,7 +180,8 @@ def _peaks(
         offsets = np.arange(width) + 0.5 - reach
         smooth *= np.abs(offsets - (normals @ passing.point_px)[:, None]) < passing.reach_px
     found = np.argwhere((smooth == top) & (smooth >= 0.6 * LEAST_SUPPORT_PX))
-    order = np.argsort(-smooth[tuple(found.T)], kind="stable")[:MOST_LINES]
+    order = np.argsort(-smooth[tuple(found.T)], kind="stable")
+    order = order[: MOST_LINES if passing is None else MOST_PASSING]
     return [(normals[i], j + 0.5 - reach) for i, j in found[order]]
 
 
@@ -225,11 +237,15 @@ def _is_near(line: EdgeLine, normal: Floats, offset_px: float) -> bool:
     return abs(turn) < 0.03 and abs(line.offset_px - facing * offset_px) < 2.0
 
 
-def edge_pairs(lines: list[EdgeLine], size_px: tuple[int, int]) -> list[EdgePair]:
+def edge_pairs(
+    lines: list[EdgeLine], size_px: tuple[int, int], passing: Passing | None = None
+) -> list[EdgePair]:
     """Return all pairs of lines that run side by side at a shaft's distance."""
     most = MOST_WIDTH_FRACTION * min(size_px)
     pairs = []
     for both in _combinations(lines):
+        if passing is not None and not passing.both(*both):
+            continue
         run = _common_run(*both)
         if run is None:
             continue
