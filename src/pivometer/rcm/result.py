@@ -220,6 +220,9 @@ class RcmSolution:
         lines that count for the trimmed one are parallel.
     weighted
         The point for which lines count by how well they are known; `None` where that is not known.
+    content
+        Part of all lines drawn at random like these that miss the minimax point by no more than
+        `minimax.max_mm`, at least and at 95 % confidence; `None` where it was not asked for.
     """
 
     minimax: MinimaxRcm
@@ -229,3 +232,4 @@ class RcmSolution:
     least_distance: LeastDistanceRcm | None = None
     trimmed: TrimmedRcm | None = None
     weighted: WeightedRcm | None = None
+    content: float | None = None

@@ -9,7 +9,7 @@ from pivometer.errors import DegenerateGeometryError
 from pivometer.rcm.cone import apex_deg
 from pivometer.rcm.least_squares import solve_least_squares
 from pivometer.rcm.lines import centred_lines
-from pivometer.rcm.minimax import solve_minimax
+from pivometer.rcm.minimax import content, solve_minimax
 from pivometer.rcm.result import RcmSolution
 from pivometer.rcm.robust import least_distance_rcm
 from pivometer.rcm.trimmed import trimmed_rcm
@@ -68,7 +68,7 @@ def with_other_points(
     covariances_mm2: ArrayLike | None = None,
     common_mm: ArrayLike | None = None,
 ) -> RcmSolution:
-    """Return a solution with the points that are not in the paper, too.
+    """Return a solution with the points that are not in the paper, and `content`, too.
 
     Parameters
     ----------
@@ -97,4 +97,5 @@ def with_other_points(
         least_distance=least_distance_rcm(points_mm, directions),
         trimmed=trimmed,
         weighted=weighted,
+        content=content(len(rcm.minimax.distances_mm)),
     )

@@ -77,12 +77,24 @@ def _uncertainty(point: object, axis: int) -> str:
     return "–" if covariance is None else uncertainty_text(float(np.sqrt(covariance[axis, axis])))
 
 
+def _content(rcm: RcmSolution) -> str:
+    """Say what the largest miss says of poses that were not measured."""
+    if rcm.content is None:
+        return ""
+    return (
+        f" With 95 % confidence at least {100 * rcm.content:.0f} % of all poses miss the minimax "
+        "point by no more than its largest miss, if those measured were drawn from them at random, "
+        "not from a grid or along a path."
+    )
+
+
 def _note(rcm: RcmSolution) -> str:
     """Say what each point is for, and which one to quote."""
     told = [text for name, text in MEANING.items() if getattr(rcm, name) is not None]
     note = (
         "Each point has the least miss of its kind. Quote the least-squares point as the location "
         f"and the minimax miss as the error; {'; '.join(told)}. No miss is weighted."
+        f"{_content(rcm)}"
     )
     if rcm.weighted is None:
         return note
