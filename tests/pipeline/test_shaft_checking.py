@@ -1,14 +1,18 @@
 """What a measurement does where edges, cameras and one cylinder do not fit together."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pivometer.cameras import Camera, Rig
 from pivometer.geometry import RigidTransform, tangent_plane_normals
-from pivometer.measurement import ImportedRig, RejectedPose
-from pivometer.pipeline.shaft_checking import Triangulated, checked_poses
+from pivometer.measurement import ImportedRig, PoseCylinder, RejectedPose, ShaftAgreement
+from pivometer.pipeline.shaft_checking import Triangulated, checked_poses, shaft_findings
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.triangulation import triangulate_centerline
+from pivometer.uncertainty.shaft_bend import ShaftBend
+from pivometer.uncertainty.shaft_check import MoveTest, ShaftDiameter
 
 RCM_MM = np.array([6.0, 65.0, 478.0])
 SIGMA_PX, FOCAL_PX, LENGTH_MM = 0.02, 1000.0, 160.0
@@ -111,6 +115,14 @@ def test_the_axes_of_the_cylinders_can_be_the_centerlines():
         assert 0 < np.abs(pose.centerline.point_mm - line.centerline.point_mm).max() < 0.2
 
 
+def test_more_poses_that_disagree_than_a_tenth_are_kept():
+    diameters = {(number, 1): 9.3 for number in range(3, 30, 6)}
+    lines = poses(np.random.default_rng(5), [rig_of(2)] * 30, diameters=diameters)
+    kept, check = checked_poses([*lines], imported(2), "paper")
+    assert (check.chi_squares > check.limits).sum() > 2
+    assert not any(isinstance(pose, RejectedPose) for pose in kept)
+
+
 def test_of_few_poses_nothing_is_judged():
     lines = poses(np.random.default_rng(3), [rig_of(2)] * 4)
     assert checked_poses([*lines], imported(2), "paper") == (lines, None)
@@ -123,3 +135,45 @@ def test_a_camera_that_moves_during_the_session_costs_no_pose_and_is_told():
     assert not any(isinstance(pose, RejectedPose) for pose in kept)
     assert check.change.significant
     assert (check.change.camera, check.change.pose) == ("third", 9)
+
+
+def agreement(**changes):
+    still = MoveTest("", 0, 9.0, 28.0)
+    diameter = ShaftDiameter(10.0, 0.01, 0.001, 0.01, 0.0001, 1.96, 0.02)
+    return replace(ShaftAgreement("paper", diameter, 1.0, still, still, "000"), **changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({}, ""),
+        ({"moved": MoveTest("", 0, 40.0, 28.0)}, "the cameras do not stand"),
+        (
+            {
+                "moved": MoveTest("", 0, 40.0, 28.0),
+                "change": MoveTest("third", 9, 90.0, 44.0),
+                "change_from": "009",
+            },
+            "camera third moved during the session, near pose 009",
+        ),
+        ({"scatter": 2.5}, "2.5 times as far as their stated uncertainty"),
+        ({"bend": ShaftBend(0.2, 0.01, 150.0, 90.0, 15.0)}, "over 150 mm it bows by 0.200 mm"),
+        ({"bend": ShaftBend(0.01, 0.01, 150.0, 2.0, 15.0)}, ""),
+    ],
+)
+def test_each_fault_is_told_in_its_own_words(make_measurement, changes, told):
+    measurement = replace(make_measurement(count=8), shaft=agreement(**changes))
+    findings = shaft_findings(measurement)
+    assert len(findings) == bool(told)
+    assert told in "".join(finding.text for finding in findings)
+
+
+def test_inconsistent_poses_that_stay_are_named(make_measurement):
+    measurement = make_measurement(count=8)
+    wrong, *rest = measurement.used
+    line = wrong.centerline
+    cylinder = PoseCylinder(line.point_mm, line.direction, 0.5, 80.0, 30.0)
+    poses = (replace(wrong, cylinder=cylinder), *rest)
+    (finding,) = shaft_findings(replace(measurement, poses=poses, shaft=agreement()))
+    assert "in 1 of 8 poses" in finding.text
+    assert f"({wrong.pose})" in finding.text

@@ -67,15 +67,19 @@ def checked_poses(
 
 
 def _check(poses: Poses, calibration: Calibration | ImportedRig) -> ShaftCheck | None:
-    lines = [pose for pose in poses if isinstance(pose, Triangulated)]
-    stated = all(one.normals_covariance.any() for line in lines for one in line.edges)
-    if len(lines) < LEAST_POSES or not stated:
+    edges = [pose.edges for pose in poses if isinstance(pose, Triangulated)]
+    if not _judgeable(edges):
         return None
     covariance = None if isinstance(calibration, ImportedRig) else calibration.covariance
     try:
-        return check_shaft([line.edges for line in lines], calibration.rig, covariance)
+        return check_shaft(edges, calibration.rig, covariance)
     except DegenerateGeometryError:
         return None  # the poses' own centerlines stand; `with_shaft` says that nothing was judged
+
+
+def _judgeable(edges: Sequence[Sequence[ShaftEdges]]) -> bool:
+    stated = all(one.normals_covariance.any() for pose in edges for one in pose)
+    return len(edges) >= LEAST_POSES and stated
 
 
 def _without(poses: Poses, check: ShaftCheck) -> Poses:
@@ -111,10 +115,20 @@ def _from_cylinders(poses: Poses, check: ShaftCheck) -> Poses:
     ]
 
 
+_UNFIT = Finding(
+    "warning",
+    "whether edges and cameras belong together could not be judged: no cylinders of one diameter "
+    "fit the edges",
+    "look at the overlays: what was found is not a shaft, or not the same one in all cameras",
+)
+
+
 def with_shaft(measurement: Measurement, check: ShaftCheck | None, route: Route) -> Measurement:
     """Add what the cylinders say of each pose, of the session and of the shaft."""
     if check is None:
-        return measurement
+        unfit = _judgeable([pose.edges for pose in measurement.used])
+        told = (_UNFIT,) if unfit else ()
+        return replace(measurement, findings=measurement.findings + told)
     numbers = iter(range(len(check.chi_squares)))
     at = measurement.rcm.least_squares.point_mm
     poses = tuple(
