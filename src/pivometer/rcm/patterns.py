@@ -53,6 +53,8 @@ class Explanation:
         of the lines.
     covariance_mm2
         Covariance of its first, shape (3, 3), mm², from the scatter that is left.
+    left_mm
+        What it leaves of the misses, shape (n, 3), mm, in the lines' principal axes.
     """
 
     best: int
@@ -61,6 +63,7 @@ class Explanation:
     p_value: float
     coefficients_mm: Floats
     covariance_mm2: Floats
+    left_mm: Floats
 
 
 def explanation(
@@ -122,16 +125,8 @@ def explanation(
         p_value=_chance(rest.reshape(-1, 3), base, bases, block),
         coefficients_mm=coefficients @ lines.turn.T,
         covariance_mm2=lines.turn @ covariance @ lines.turn.T,
+        left_mm=(rest - bases[best] @ (bases[best].T @ rest)).reshape(-1, 3),
     )
-
-
-def residual_vectors(lines: CentredLines, regressors: Floats) -> Floats:
-    """Return what the point and regressors, (n, k), leave of the misses, (n, 3), mm."""
-    whole = np.hstack([np.ones((len(regressors), 1)), regressors])
-    base = _orthonormal(_columns(lines.projectors(), whole))
-    misses = np.ravel(lines.offsets)
-    left: Floats = (misses - base @ (base.T @ misses)).reshape(-1, 3)
-    return left
 
 
 def _columns(projectors: Floats, regressors: Floats) -> Floats:

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from pivometer._arrays import Floats
-from pivometer.rcm.lines import CentredLines
-from pivometer.rcm.patterns import residual_vectors
 
 DEGREES = ((70, 4), (40, 3), (20, 2), (10, 1))
 """Degree of the polynomial map over the shaft's directions from so many poses on: the map takes at
@@ -86,19 +84,22 @@ def order_alternatives(times_s: Floats | None, count: int) -> tuple[list[Floats]
     return [drift[:, None], *jumps], breaks
 
 
-def successive_block(lines: CentredLines, known: Floats) -> int:
-    """Return how many successive lines count as one, from the correlation of their misses.
+def successive_block(left_mm: Floats) -> int:
+    """Return how many successive lines count as one, from the correlation of what is left of them.
 
     Misses of the frames of a video, or along a path, are alike; (1 + ρ)/(1 − ρ) of them say as
     much as one. A correlation that chance explains (1.64/√2n, 5 %) does not count.
+
+    Examples
+    --------
+    >>> walk = np.cumsum(np.random.default_rng(0).standard_normal((400, 3)), axis=0)
+    >>> successive_block(walk) > 20, successive_block(np.diff(walk, axis=0))
+    (True, 1)
     """
-    count = len(lines.axes)
-    drift = np.linspace(-1, 1, count)[:, None]
-    rest = residual_vectors(lines, np.hstack([known, drift]))
-    whole = float(np.square(rest).sum())
+    count, whole = len(left_mm), float(np.square(left_mm).sum())
     if whole == 0:
         return 1
-    rho = float(np.sum(rest[1:] * rest[:-1])) / whole
+    rho = float(np.sum(left_mm[1:] * left_mm[:-1])) / whole
     if rho < 1.64 / np.sqrt(2 * count):
         return 1
     return min(int(np.ceil((1 + rho) / (1 - min(rho, 0.99)))), count)

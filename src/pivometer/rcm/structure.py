@@ -387,10 +387,12 @@ def _order(
     order = np.arange(len(names)) if times is None else np.argsort(times, kind="stable")
     sorted_lines = lines.subset(order)
     alternatives, breaks = order_alternatives(None if times is None else times[order], len(names))
-    block = successive_block(sorted_lines, known[order])
-    found = explanation(sorted_lines, alternatives, known=known[order], block=block)
+    found = explanation(sorted_lines, alternatives, known=known[order])
     if found is None:
         return []
+    block = successive_block(found.left_mm)
+    if block > 1:
+        found = explanation(sorted_lines, alternatives, known=known[order], block=block) or found
     size = float(np.linalg.norm(found.coefficients_mm[0]))
     if found.best == 0:
         span = "" if times is None else f" and {float(np.ptp(times)) / 60:.3g} min"
