@@ -49,6 +49,7 @@ from pivometer.shaft.pairs import (
 )
 from pivometer.shaft.refit import refitted_edges
 from pivometer.shaft.rivals import SERIOUS_SHARE, turning_things, widest
+from pivometer.shaft.shifting import shifting_motion
 
 TRUSTED_MEDIAN = 6
 """From this many frames on the median grey level tells what a pair of edges hides; with fewer, the
@@ -244,9 +245,8 @@ def find_shaft(
     -------
     list
         For every image, in order, a `ShaftSeed` or a `SeedRejection`. Without a hint fewer than
-        three frames are rejected, and so is a shaft that never moves or only shifts: a static shaft
-        cannot be told from a rod of the scenery, and its parallel centerlines would give no pivot
-        anyway.
+        three frames are rejected, and so is a shaft that never moves: it cannot be told from a rod
+        of the scenery. One that only shifts is found where nothing else that moves is like it.
 
     Notes
     -----
@@ -255,7 +255,8 @@ def find_shaft(
     Scenes drawn for stress (clutter, carriage, collar, cannula, a second pivoting rod, shadows and
     flicker) and their rates of found and wrong shafts: `benchmarks/detection.py`. Where two things
     turn, the wider is the shaft (`rivals`).
-    Thin shafts in images over 1280 px need about 3 px after averaging down (12 of 4000 px).
+    Thin shafts in images over 1280 px need about 3 px after averaging down (12 of 4000 px). In
+    three to five frames two alike rods can pass for one that turns: state the diameter.
 
     Examples
     --------
@@ -294,6 +295,9 @@ def _motion(frames: Sequence[_Frame], search: _Search) -> tuple[Motion | SeedRej
     seen = sum(bool(f.pairs) for f in frames)
     things = turning_things(table)
     if not things:
+        shifting = shifting_motion(table)
+        if shifting is not None:
+            return shifting, "the shaft shifts and does not turn about a point in these images"
         return SeedRejection(
             f"fewer than {max(LEAST_FRAMES, round(SERIOUS_SHARE * seen))} of {len(frames)} frames "
             "show two long parallel edges that turn about a common point with a constant width, so "
