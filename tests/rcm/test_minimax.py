@@ -4,12 +4,10 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from scipy.stats import binom
 
 from pivometer.errors import DegenerateGeometryError, ShapeError, TooFewPosesError
 from pivometer.geometry import distances_to_lines
 from pivometer.rcm import minimax_rcm, solve
-from pivometer.rcm.minimax import content
 
 
 def test_hard_sets_are_solved_to_rounding(hard_sets):
@@ -181,16 +179,3 @@ def test_input_and_result_cannot_be_changed_by_accident(gold):
     np.testing.assert_array_equal(axes, before[1])
     with pytest.raises(ValueError, match="read-only"):
         rcm.point_mm[0] = 0
-
-
-def test_content_holds_for_lines_that_were_not_measured():
-    """Of 400 sets of 20 random lines the stated 65.6 % is missed in 5 % at most, up to chance."""
-    random, short = np.random.default_rng(17), 0
-    for _ in range(400):
-        points, axes = random.standard_t(3, (2020, 3)), random.standard_normal((2020, 3))
-        rcm = minimax_rcm(points[:20], axes[:20])
-        others = distances_to_lines(rcm.point_mm, points[20:], axes[20:])
-        short += np.mean(others <= rcm.max_mm) < content(20)
-    assert short <= binom.ppf(1 - 1e-4, 400, 0.05)
-    assert short > 0  # the bound is tight enough to be reached
-    assert content(3) == 0

@@ -10,7 +10,8 @@ from pivometer.errors import ShapeError
 from pivometer.geometry import RigidTransform
 from pivometer.rcm import solve
 from pivometer.rcm.lines import centred_lines
-from pivometer.uncertainty import content, intrinsic_error
+from pivometer.rcm.minimax import content
+from pivometer.uncertainty import intrinsic_error
 from pivometer.uncertainty.intrinsic import _noncentrality, _traces, _turned
 
 

@@ -56,6 +56,7 @@ from pivometer.uncertainty import (
     lines_uncertainty,
     location_uncertainty,
 )
+from pivometer.uncertainty.sequence import scatter, sequence_findings
 
 
 def measure(
@@ -283,7 +284,7 @@ def _measurement(
     refuse_geometry(findings)
     uncertainty: LocationUncertainty | LinesUncertainty
     if isinstance(calibration, ImportedRig):
-        uncertainty = lines_uncertainty(rcm.least_squares)
+        uncertainty = lines_uncertainty(scatter(rcm.least_squares, points, directions))
         findings = (*findings, _unknown_calibration(calibration))
     else:
         uncertainty = location_uncertainty(
@@ -293,6 +294,7 @@ def _measurement(
         )
         best = replace(rcm.least_squares, covariance_mm2=uncertainty.total_mm2)
         rcm = replace(rcm, least_squares=best)
+    findings += sequence_findings(len(lines), uncertainty.independent_poses)
     rows = iter(zip(lines, rcm.minimax.distances_mm, rcm.least_squares.distances_mm, strict=True))
     measurement = Measurement(
         rcm=rcm,

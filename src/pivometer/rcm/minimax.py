@@ -77,8 +77,9 @@ def content(count: int, *, confidence: float = 0.95) -> float:
 
     References
     ----------
-    Campi and Garatti (2008), doi:10.1137/07069821X: for a convex program in d = 4 unknowns (3) the
-    part that violates the solution is at most ε with probability 1 − Σ_{i<d} C(n, i) εⁱ(1 − ε)ⁿ⁻ⁱ.
+    Calafiore and Campi, doi:10.1109/TAC.2006.875041; Campi and Garatti, doi:10.1137/07069821X: for
+    a convex program in d = 4 unknowns (3) the part that violates the solution is at most ε with
+    probability 1 − Σ_{i<d} C(n, i) εⁱ(1 − ε)ⁿ⁻ⁱ.
 
     Examples
     --------

@@ -8,7 +8,7 @@ from pivometer.uncertainty.coverage import (
     mahalanobis,
 )
 from pivometer.uncertainty.decision import Decision, guarded_decision, variance_ratio_limit
-from pivometer.uncertainty.intrinsic import IntrinsicError, content, intrinsic_error
+from pivometer.uncertainty.intrinsic import IntrinsicError, intrinsic_error
 from pivometer.uncertainty.propagation import (
     LinesUncertainty,
     LocationUncertainty,
@@ -25,7 +25,6 @@ __all__ = [
     "LocationUncertainty",
     "calibration_displacements",
     "confidence_radius",
-    "content",
     "coverage_factor",
     "effective_degrees_of_freedom",
     "guarded_decision",

@@ -15,14 +15,11 @@ from numpy.typing import ArrayLike
 from pivometer._arrays import Floats, checked, read_only
 from pivometer.errors import ShapeError
 from pivometer.rcm.lines import CentredLines, centred_lines
-from pivometer.rcm.minimax import solve_minimax
+from pivometer.rcm.minimax import content, solve_minimax
 from pivometer.uncertainty.coverage import COVERAGE, coverage_factor
 
 CONFIDENCE = 0.95
 """Confidence with which `IntrinsicError.content` is stated."""
-
-DECIDING = 4
-"""Numbers that the minimax problem determines: the point's three, and the radius."""
 
 NORMAL_BEYOND = 1e6
 """Non-centrality from which the noncentral χ² distribution is taken as normal: its quantiles then
@@ -113,16 +110,15 @@ def intrinsic_error(
 
     References
     ----------
-    F. E. Satterthwaite, doi:10.2307/3002019 (g and ν). G. Calafiore and M. Campi,
-    doi:10.1109/TAC.2006.875041 (`content`).
+    F. E. Satterthwaite, doi:10.2307/3002019 (g and ν).
 
     Examples
     --------
-    >>> points = [[0, 0, 1], [0, 0, -1], [1, 5, 0], [-1, 9, 0]]
+    >>> points = [[0, 0, 1], [0, 0, -1], [0.5, 5, 0], [-0.5, 9, 0]]
     >>> directions = [[1, 0, 0], [2, 0, 0], [0, 1, 0], [0, 1, 0]]
     >>> found = intrinsic_error(points, directions, [0.1**2 * np.eye(3)] * 4)
     >>> round(found.rms_mm, 3), found.rms_interval_mm.round(3), found.max_interval_mm.round(3)
-    (0.994, array([0.897, 1.093]), array([0.681, 1.098]))
+    (0.783, array([0.686, 0.883]), array([0.681, 1.139]))
     """
     lines = centred_lines(points_mm, directions)
     count = len(lines.axes)
@@ -143,27 +139,9 @@ def intrinsic_error(
         max_interval_mm=_max_interval(lines, alone, common, coverage),
         instrument_rms_mm=float(np.sqrt(trace / count)),
         coverage=coverage,
-        content=content(count),
+        content=content(count, confidence=CONFIDENCE),
         confidence=CONFIDENCE,
     )
-
-
-def content(count: int, *, confidence: float = CONFIDENCE) -> float:
-    """Return the least fraction of all poses whose miss does not exceed the largest of `count`.
-
-    For poses drawn at random and the minimax point, whatever their distribution: the scenario
-    theorem, in which a problem of d = 4 unknowns is decided by at most 4 of its constraints.
-
-    Examples
-    --------
-    >>> [round(100 * content(count), 1) for count in (20, 70, 153, 773)]
-    [65.6, 89.3, 95.0, 99.0]
-    """
-    from scipy.special import betaincinv
-
-    if count < DECIDING:
-        return 0.0
-    return float(1 - betaincinv(DECIDING, count - DECIDING + 1, confidence))
 
 
 def _turned(

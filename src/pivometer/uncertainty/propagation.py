@@ -24,6 +24,7 @@ from pivometer.uncertainty.coverage import (
     coverage_factor,
     fewest_degrees_of_freedom,
 )
+from pivometer.uncertainty.sequence import Scatter, scatter
 
 POINTS_AN_EDGE = 16
 """Points by which each edge is carried through a changed camera. Distortion bends a line to second
@@ -41,8 +42,8 @@ class LocationUncertainty:
     Parameters
     ----------
     lines_mm2
-        Covariance from the scatter of the lines, s² N⁻¹, shape (3, 3), mm². It holds the noise of
-        the edges and the robot's own error alike.
+        Covariance from the scatter of the lines, shape (3, 3), mm²: s² N⁻¹, or that of blocks where
+        successive poses miss alike. It holds the noise of the edges and the robot's own error.
     calibration_mm2
         Covariance from the calibration, J Σ Jᵀ, shape (3, 3), mm²: common to all poses, so more
         poses do not lessen it.
@@ -59,6 +60,9 @@ class LocationUncertainty:
     max_calibration_u_mm, rms_calibration_u_mm
         What the calibration adds to the standard uncertainty of the largest and of the rms
         distance from the least-squares point, mm.
+    independent_poses
+        How many independent poses tell as much as those measured: all of them, unless successive
+        ones miss alike; `None` in files of versions that did not ask.
     """
 
     lines_mm2: Floats
@@ -70,6 +74,7 @@ class LocationUncertainty:
     expanded_mm: Floats
     max_calibration_u_mm: float
     rms_calibration_u_mm: float
+    independent_poses: float | None = None
 
     def __post_init__(self) -> None:
         for name, shape in (
@@ -101,6 +106,8 @@ class LinesUncertainty:
         k times the standard uncertainty from the lines along x, y and z, shape (3,), mm.
     status
         ``"calibration unknown"``.
+    independent_poses
+        As in `LocationUncertainty`.
     """
 
     lines_mm2: Floats
@@ -109,30 +116,31 @@ class LinesUncertainty:
     coverage_factor: float
     expanded_mm: Floats
     status: str = "calibration unknown"
+    independent_poses: float | None = None
 
     def __post_init__(self) -> None:
         for name, shape in (("lines_mm2", (3, 3)), ("expanded_mm", (3,))):
             object.__setattr__(self, name, read_only(checked(getattr(self, name), shape, name)))
 
 
-def lines_uncertainty(rcm: LeastSquaresRcm, *, coverage: float = COVERAGE) -> LinesUncertainty:
+def lines_uncertainty(scatter: Scatter, *, coverage: float = COVERAGE) -> LinesUncertainty:
     """Return the part of the location's uncertainty that the scatter of the lines shows.
 
     Parameters
     ----------
-    rcm
-        The least-squares point, with its scatter covariance.
+    scatter
+        What the lines say of the least-squares point.
     coverage
         Coverage probability of the expanded uncertainty.
     """
-    degrees = float(2 * len(rcm.distances_mm) - 3)
-    factor = coverage_factor(degrees, coverage=coverage)
+    factor = coverage_factor(scatter.degrees_of_freedom, coverage=coverage)
     return LinesUncertainty(
-        lines_mm2=rcm.covariance_mm2,
-        degrees_of_freedom=degrees,
+        lines_mm2=scatter.covariance_mm2,
+        degrees_of_freedom=scatter.degrees_of_freedom,
         coverage=coverage,
         coverage_factor=factor,
-        expanded_mm=factor * np.sqrt(rcm.covariance_mm2.diagonal()),
+        expanded_mm=factor * np.sqrt(scatter.covariance_mm2.diagonal()),
+        independent_poses=scatter.independent_poses,
     )
 
 
@@ -184,14 +192,15 @@ def location_uncertainty(
     size = len(rig.parameter_names)
     covariance = checked(rig_covariance, (size, size), "rig_covariance")
     points = thinned_points(edges, [camera.name for camera in rig.cameras])
-    rcm = rcm_of_points(points, rig)
+    lines = _lines_of(points, rig)
+    told = scatter(least_squares_rcm(*lines), *lines)
     root = square_root(covariance)
     jacobian = jacobian_by_differences(
         lambda independent: _location_max_rms(points, rig.perturbed(root @ independent)),
         np.zeros(root.shape[1]),
         np.ones(root.shape[1]),
     )
-    return _combined(rcm, jacobian @ jacobian.T, coverage)
+    return _combined(told, jacobian @ jacobian.T, coverage)
 
 
 def calibration_displacements(
@@ -261,12 +270,11 @@ def jacobian_by_differences(
     return jacobian
 
 
-def _combined(rcm: LeastSquaresRcm, calibration: Floats, coverage: float) -> LocationUncertainty:
+def _combined(told: Scatter, calibration: Floats, coverage: float) -> LocationUncertainty:
     """Add the parts; `calibration` is the covariance of (x, y, z, max, rms), shape (5, 5)."""
-    lines, location = rcm.covariance_mm2, (calibration[:3, :3] + calibration[:3, :3].T) / 2
+    lines, location = told.covariance_mm2, (calibration[:3, :3] + calibration[:3, :3].T) / 2
     total = lines + location
-    own = 2 * len(rcm.distances_mm) - 3
-    degrees = fewest_degrees_of_freedom([lines, location], [own, np.inf])
+    degrees = fewest_degrees_of_freedom([lines, location], [told.degrees_of_freedom, np.inf])
     factor = coverage_factor(degrees, coverage=coverage)
     return LocationUncertainty(
         lines_mm2=lines,
@@ -278,6 +286,7 @@ def _combined(rcm: LeastSquaresRcm, calibration: Floats, coverage: float) -> Loc
         expanded_mm=factor * np.sqrt(total.diagonal()),
         max_calibration_u_mm=float(np.sqrt(calibration[3, 3])),
         rms_calibration_u_mm=float(np.sqrt(calibration[4, 4])),
+        independent_poses=told.independent_poses,
     )
 
 
