@@ -46,6 +46,11 @@ def clean(rng: np.random.Generator) -> Scene:
     return make(rng, Look(flat(180.0), 20.0, 0.8, 2.0))
 
 
+def large(rng: np.random.Generator) -> Scene:
+    """Render the same at 1920 × 1200."""
+    return make(rng, Look(flat(180.0), 20.0, 0.8, 2.0), size=(1920, 1200))
+
+
 def faint(rng: np.random.Generator) -> Scene:
     """Render contrast 40, blur 1.5, noise 5."""
     return make(rng, Look(flat(100.0), 60.0, 1.5, 5.0))
@@ -134,6 +139,7 @@ class Row:
 
 ROWS = (
     Row("clean", clean, False, "1.05× bias .1×"),
+    Row("clean, 1920 × 1200", large, False, "1.05× bias .1×", 0.15),
     Row("contrast 40, blur 1.5, noise 5", faint, False, "1.05× bias .1×"),
     Row("within 0.4° of an axis", near_axis, False, "1.3×"),
     Row("20 % occluded", occluded, False, "1.3×"),

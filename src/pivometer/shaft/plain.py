@@ -43,8 +43,8 @@ ROW_GATE_SIGMAS = 7.0
 COARSE_ROWS = 100
 COARSE_FAR_PX = 4.0
 COARSE_ITERATIONS = 8
-COARSE_PX = 0.02
-"""About so many rows give the start; a step that small is followed by one under a thousandth."""
+COARSE_PX = 0.1
+"""About so many rows give the start; after a step that small, a few thousandths are left."""
 
 ITERATIONS = 6
 GATED_ITERATIONS = 2
