@@ -80,13 +80,13 @@ def streamed(
     A video is decoded here, one frame after the other; image files are read in the threads. Frames
     that are `known`, by their views, are not read again.
     """
-    threads = os.cpu_count() or 1
+    threads = min(os.cpu_count() or 1, 8)  # each has a frame in memory
     pending: deque[Future[_Out]] = deque()
     done = 0
     with ThreadPoolExecutor(max_workers=threads) as pool:
         for ready in _readers(files, known):
             pending.append(pool.submit(lambda ready: work(ready()), ready))
-            if len(pending) > 2 * threads:
+            if len(pending) > threads:
                 yield pending.popleft().result()
                 done = _told(progress, stage, done + 1, len(files))
         while pending:

@@ -117,7 +117,7 @@ def _edges(
             return ShaftNotFoundError(seed.reason, next_step=SHAFT_ADVICE)
         return fit_edges(image, camera, seed, background=background)
     except DataError as error:
-        return error
+        return error.with_traceback(None)  # which would keep the image
 
 
 _NO_SAMPLE = "none of the frames looked at first can be used, so what moves is unknown"
