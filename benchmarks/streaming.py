@@ -1,4 +1,4 @@
-"""Memory of searching a video: the peak after a short one, and how far a longer one raises it.
+"""Memory of searching a video: how far its later frames raise the peak.
 
 Run with ``python -m benchmarks.streaming``. Holding every frame would raise it by 0.31 MB each.
 """
@@ -30,25 +30,28 @@ def write_video(file: Path, count: int) -> None:
     video.release()
 
 
-def peak_mb(count: int) -> float:
-    """Return the process's peak of memory, MB, after a video of so many frames is searched."""
+def peak_mb() -> float:
+    """Return the process's peak of memory so far, MB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+def main() -> None:
+    """Print how far the frames after the first thirty raise the peak, a frame."""
+    peaks: dict[int, float] = {}
+
+    def tell(stage: str, done: int, _: int) -> None:
+        if stage.startswith("fitting"):
+            peaks[done] = peak_mb()
+
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         (root / "session.toml").write_text(TOML, encoding="utf-8")
         (root / "shaft").mkdir()
         for camera in ("left", "right"):
-            write_video(root / f"shaft/{camera}.avi", count)
-        session = load(root)
-        shafts.camera_shafts(session, CAMERA, hint=None, progress=None)
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
-
-
-def main() -> None:
-    """Print the peak after a short video, and how far a longer one raises it a frame."""
-    short, long = peak_mb(60), peak_mb(180)
-    print(
-        f"60 frames {short:.0f} MB, 180 frames {long:.0f} MB: {(long - short) / 120:.3f} MB a frame"
-    )
+            write_video(root / f"shaft/{camera}.avi", 150)
+        shafts.camera_shafts(load(root), CAMERA, hint=None, progress=tell)
+    growth = (peaks[150] - peaks[30]) / 120
+    print(f"30 frames {peaks[30]:.0f} MB, 150 frames {peaks[150]:.0f} MB: {growth:.3f} MB a frame")
 
 
 if __name__ == "__main__":
