@@ -18,6 +18,10 @@ LEAST_VARIANCE = 1e-12
 UNLIKELY = 0.001
 """Probability of a shift between two points, from which chance is not taken for its cause."""
 
+NEGLIGIBLE = 0.1
+"""Part of the location's standard uncertainty below which a shift is of no consequence, however
+well it is known: it would raise that uncertainty by half a per cent."""
+
 
 def weighted_rcm(
     points_mm: ArrayLike,
@@ -89,7 +93,7 @@ def weighted_rcm(
 
 
 def weighting_findings(rcm: WeightedRcm) -> tuple[Finding, ...]:
-    """Return a warning if the weights move the point by more than the stated errors explain.
+    """Return a warning if the weights move the point by more than errors explain, and noticeably.
 
     References
     ----------
@@ -98,17 +102,13 @@ def weighting_findings(rcm: WeightedRcm) -> tuple[Finding, ...]:
     """
     from scipy.special import fdtri
 
-    values, vectors = np.linalg.eigh(rcm.shift_covariance_mm2)
-    # Where the weights change nothing the shift has no variance, except for rounding.
-    moved = values > 1e-9 * np.trace(rcm.covariance_mm2)
-    size, freedom = int(moved.sum()), 2 * len(rcm.distances_mm) - 3
-    if size == 0:
-        return ()
-    squares = ((vectors.T @ rcm.shift_mm)[moved] ** 2 / values[moved]).sum()
+    allowed = rcm.shift_covariance_mm2 + NEGLIGIBLE**2 * rcm.covariance_mm2
+    squares = float(rcm.shift_mm @ np.linalg.solve(allowed, rcm.shift_mm))
+    size, freedom = len(rcm.shift_mm), 2 * len(rcm.distances_mm) - 3
     if squares <= size * float(fdtri(size, freedom, 1 - UNLIKELY)):
         return ()
     shift = float(np.linalg.norm(rcm.shift_mm))
-    chance = float(np.sqrt(values[moved].sum()))
+    chance = float(np.sqrt(np.trace(rcm.shift_covariance_mm2)))
     return (
         Finding(
             "warning",
