@@ -51,7 +51,7 @@ KEYS = {
         BOARD + "colour = 1\n",
         (
             "line 5: board.colour: unknown key. Known here: kind, squares, square_mm, square_u_mm, "
-            "dictionary, marker_mm"
+            "dictionary, marker_mm, form"
         ),
     ),
     "text for a number": (
