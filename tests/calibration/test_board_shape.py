@@ -66,6 +66,14 @@ def test_modes_leave_position_and_size_alone():
         assert np.abs(np.einsum("ni,nib->b", centred, modes)).max() < 1e-10
 
 
+@pytest.mark.parametrize("squares", [(9, 7), (7, 7), (8, 7)])
+def test_a_bow_is_the_same_from_wherever_the_board_is_numbered(squares):
+    board = Board("checkerboard", squares, 20.0)
+    depths = shape_modes(board)[:, 2]
+    for turned in board.symmetries:
+        np.testing.assert_allclose(depths[turned], depths, atol=1e-12)
+
+
 @pytest.mark.parametrize("form", ["bowed", "free"])
 def test_derivatives_by_the_shape(odd_scene, form):
     scene = formed(odd_scene, form).only(lambda m: m in ("board/000", "board/003"))

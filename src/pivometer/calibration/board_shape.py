@@ -79,8 +79,11 @@ def shape_modes(board: Board) -> Floats:
         kept = np.linalg.svd(_same_shape(board))[0][:, 7:]
         return kept.reshape(count, 3, -1)
     x, y = (2 * board.columns_rows / (np.array(board.inner_corners) - 1.0) - 1).T
-    modes = np.zeros((count, 3, 3))
-    modes[:, 2] = _flattened(board, np.stack([x * x, x * y, y * y], axis=1))
+    # a board that looks the same after a quarter turn is numbered from any of its four ends
+    quarter = board.looks_same_turned and len(board.symmetries) > 2
+    depths = [x * x + y * y] if quarter else [x * x, x * y, y * y]
+    modes = np.zeros((count, 3, len(depths)))
+    modes[:, 2] = _flattened(board, np.stack(depths, axis=1))
     return modes
 
 
