@@ -10,6 +10,7 @@ from pivometer.rcm import least_squares_rcm
 from pivometer.shaft.edges import edge_normals
 from pivometer.shaft.triangulation import lines_from_edge_normals
 from pivometer.uncertainty import (
+    calibration_displacements,
     coverage_factor,
     jacobian_by_differences,
     location_uncertainty,
@@ -61,6 +62,10 @@ def test_a_known_calibration_leaves_the_scatter_of_the_lines(view, rig):
     factor = coverage_factor(37)
     assert found.coverage_factor == pytest.approx(factor)
     np.testing.assert_allclose(found.expanded_mm, factor * np.sqrt(found.total_mm2.diagonal()))
+
+
+def test_a_known_calibration_displaces_nothing(view, rig):
+    assert calibration_displacements(view(5), rig, np.zeros((18, 18)), RCM_MM).shape == (5, 3, 0)
 
 
 def test_an_uncertain_scale_moves_the_point_along_its_own_ray(view, rig):

@@ -233,7 +233,7 @@ def calibration_displacements(
         return np.ravel(offsets - np.vecdot(offsets, axes)[:, None] * axes)
 
     jacobian = jacobian_by_differences(feet, np.zeros(root.shape[1]), np.ones(root.shape[1]))
-    return jacobian.reshape(-1, 3, root.shape[1])
+    return jacobian.reshape(len(edges), 3, root.shape[1])
 
 
 def jacobian_by_differences(
