@@ -78,6 +78,7 @@ def uneven(board: Board) -> Floats:
 
 KINDS: dict[str, tuple[Callable[[Board], Floats], BoardForm]] = {
     "as drawn": (drawn, "bowed"),
+    "as drawn, taken for flat": (drawn, "flat"),
     "bowed, taken for flat": (bowed, "flat"),
     "bowed": (bowed, "bowed"),
     "uneven columns, taken for even": (uneven, "bowed"),

@@ -155,6 +155,14 @@ def test_a_good_board_is_not_told_of(odd_scene):
     assert not any("as drawn" in note for note in found.notes)
 
 
+def test_a_corner_that_no_image_shows_does_not_stand_in_the_way(odd_scene):
+    views = [
+        BoardView(v.camera, v.view, v.ids[1:], v.pixels[1:], v.sigma_px[1:])
+        for v in odd_scene.views(0.1, 7)
+    ]
+    assert not any("as drawn" in note for note in calibrated(odd_scene, views).notes)
+
+
 def test_a_free_form_must_know_which_corner_is_which():
     with pytest.raises(UsageError, match="looks the same after a turn"):
         Board("checkerboard", (9, 7), 15.0, form="free")

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pivometer.calibration.board import Board, BoardForm
-from pivometer.calibration.board_shape import BoardShape, require_seen
+from pivometer.calibration.board_shape import FEWEST_IMAGES, BoardShape, require_seen
 from pivometer.calibration.bundle import adjust, jacobian
 from pivometer.calibration.half_turn import PosedView
 from pivometer.calibration.joint_route import JointFit, laid_out
@@ -73,13 +73,14 @@ def _corners_miss_alike(joint: JointFit) -> bool:
     turn = solution.state.board_rotations[problem.moment][:, None]
     J = jacobian(problem, solution.state)[..., -3:] @ turn * problem.weights[..., None, None]
     r = solution.residuals_px * problem.weights[..., None]
-    normal = np.einsum("gnij,gnik->njk", J, J)
-    gradient = np.einsum("gnij,gni->nj", J, r)[..., None]
+    often = (problem.weights > 0).sum(axis=0) >= FEWEST_IMAGES
+    normal = np.einsum("gnij,gnik->njk", J, J)[often]
+    gradient = np.einsum("gnij,gni->nj", J, r)[often, :, None]
     explained = float(np.sum(gradient * np.linalg.solve(normal, gradient)))
     more = 3 * len(normal) - 7
     freedom = solution.degrees_of_freedom - more
     left = float(np.sum(r**2)) - explained
-    if freedom < 1 or left <= 0:
+    if min(more, freedom) < 1 or left <= 0:
         return False
     return bool(
         f_distribution.sf(explained / more / (left / freedom), more, freedom) < WORTH_A_LOOK
