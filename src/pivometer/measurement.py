@@ -12,6 +12,7 @@ from pivometer.geometry.rigid import RigidTransform
 from pivometer.rcm.result import Finding, RcmSolution
 from pivometer.rcm.structure import ErrorStructure
 from pivometer.shaft.edges import ShaftEdges
+from pivometer.shaft.hint import ShaftHint
 from pivometer.shaft.triangulation import Centerline
 from pivometer.uncertainty.frame import BoardFrameUncertainty
 from pivometer.uncertainty.intrinsic import IntrinsicError
@@ -204,6 +205,51 @@ class Setup:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Options:
+    """What was asked of `measure`, so that the same can be asked again.
+
+    Parameters
+    ----------
+    method, distortion
+        How to calibrate.
+    centerline
+        What a pose's centerline is.
+    hints
+        By camera, where the shaft is; without those of ``session.toml``.
+    rig_given
+        Whether the calibration came from elsewhere; it is then the one in the result.
+    """
+
+    method: str
+    distortion: str
+    centerline: str
+    hints: Mapping[str, ShaftHint]
+    rig_given: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Provenance:
+    """How and when a measurement was made; the hashes of its inputs stand beside it.
+
+    Parameters
+    ----------
+    command
+        The command line, or what was called.
+    created
+        When, ISO 8601 with its time zone.
+    versions
+        Version of every piece of software that took part, by name.
+    options
+        What was asked for; `None` where the edges came from elsewhere.
+    """
+
+    command: str
+    created: str
+    versions: Mapping[str, str]
+    options: Options | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class BoardCenterline:
     """A used pose's centerline in the reference board's frame.
 
@@ -312,6 +358,8 @@ class Measurement:
         of versions that did not state it.
     shaft
         Whether all edges belong to one cylinder, and its diameter; `None` where too few poses tell.
+    provenance
+        How and when it was made; `None` in files of versions that did not state it.
     """
 
     rcm: RcmSolution
@@ -326,6 +374,7 @@ class Measurement:
     intrinsic: IntrinsicError | None = None
     structure: ErrorStructure | None = None
     shaft: ShaftAgreement | None = None
+    provenance: Provenance | None = None
 
     @property
     def reference_camera(self) -> str:

@@ -25,6 +25,7 @@ COMMANDS = (
     "solve",
     "pivot",
     "check",
+    "verify",
     "plan",
     "schema",
 )

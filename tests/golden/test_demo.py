@@ -1,9 +1,15 @@
 """The demo, as ``make demo`` runs it: the answer must be as good as it says."""
 
+import json
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from pivometer import pipeline
+from pivometer.cli import main
+from pivometer.io.result import seal_of, text_of
 
 
 @pytest.fixture(scope="module")
@@ -44,3 +50,131 @@ def test_both_ways_to_the_centerlines_normal_agree(outcome):
     np.testing.assert_allclose(
         centerline_normal_algebraic(normals), centerline_normal_average(normals), atol=1e-12
     )
+
+
+# --- The report verified ---
+
+
+def status(found):
+    return {one.name: one.status for one in found.examined}
+
+
+def text(found, name):
+    return next(one.text for one in found.examined if one.name == name)
+
+
+@pytest.fixture
+def copied(outcome, tmp_path):
+    """The session with its results, to be spoilt."""
+    root = tmp_path / "copy"
+    shutil.copytree(outcome.report.parents[1], root)
+    return root
+
+
+def change(path: Path, old: str, new: str) -> None:
+    content = path.read_text(encoding="utf-8")
+    assert old in content
+    path.write_text(content.replace(old, new, 1), encoding="utf-8")
+
+
+def test_an_untouched_report_is_verified_to_the_last_bit(outcome):
+    found = pipeline.verify(outcome.report)
+    assert set(status(found).values()) == {"holds"}
+    assert "to the last bit" in text(found, "the figures")
+    assert found.exit_code == 0
+
+
+def test_one_digit_of_the_page_is_found_and_its_place_named(outcome, tmp_path):
+    path = Path(shutil.copy(outcome.report, tmp_path))
+    change(path, "mm rms). The", "mm rms), The")
+    found = pipeline.verify(path, file_only=True)
+    assert status(found)["the displayed figures"] == "changed"
+    assert "in “Verdict”" in text(found, "the displayed figures")
+    assert "mm rms), The" in text(found, "the displayed figures")
+    assert status(found)["the carried result"] == "holds"
+    assert found.exit_code == 4
+
+
+def test_one_letter_of_a_picture_is_found_and_the_pose_named(outcome, tmp_path):
+    path = Path(shutil.copy(outcome.report, tmp_path))
+    page = path.read_text(encoding="utf-8")
+    at = page.index("data:image/jpeg;base64,") + 400
+    path.write_text(page[:at] + ("A" if page[at] != "A" else "B") + page[at + 1 :], "utf-8")
+    found = pipeline.verify(path, file_only=True)
+    assert text(found, "the pictures") == "not those recorded: left/000"
+    assert found.exit_code == 4
+
+
+def test_one_digit_of_the_result_is_found(copied):
+    path = copied / "results" / "result.json"
+    stated = json.loads(path.read_text(encoding="utf-8"))["rcm"]["minimax"]["max_mm"]
+    change(path, repr(stated), repr(stated + 0.001))
+    found = pipeline.verify(path, file_only=True)
+    assert status(found) == {"the bytes": "holds", "the result’s own SHA-256": "changed"}
+
+
+def test_a_digit_changed_with_its_hash_is_found_by_measuring_again(copied, monkeypatch, outcome):
+    from pivometer.pipeline import verifying
+
+    monkeypatch.setattr(verifying, "measure", lambda *_, **__: outcome.measurement)
+    path = copied / "results" / "result.json"
+    content = json.loads(path.read_text(encoding="utf-8"))
+    content["rcm"]["minimax"]["max_mm"] += 2e-6 * content["rcm"]["minimax"]["max_mm"]
+    content["sha256"] = seal_of(content)
+    path.write_text(text_of(content), encoding="utf-8")
+    found = pipeline.verify(path)
+    assert status(found)["the result’s own SHA-256"] == "holds"
+    assert status(found)["the figures"] == "changed"
+    assert text(found, "the figures").startswith("rcm.minimax.max_mm: the file states")
+    assert found.exit_code == 4
+
+
+@pytest.mark.parametrize("name", ["shaft/right/003.png", "session.toml", "board/left/000.png"])
+def test_one_byte_of_an_input_is_found_and_the_file_named(copied, name, capsys):
+    content = bytearray((copied / name).read_bytes())
+    content[len(content) // 2] ^= 1
+    (copied / name).write_bytes(content)
+    assert main(["verify", str(copied / "results" / "report.html"), str(copied)]) == 4
+    assert name in capsys.readouterr().out
+
+
+def test_a_missing_input_is_named(copied):
+    (copied / "shaft/left/001.png").unlink()
+    found = pipeline.verify(copied / "results" / "result.json")
+    assert text(found, "the inputs") == "shaft/left/001.png (missing)"
+
+
+def test_without_the_session_it_says_what_it_could_not_check(outcome, tmp_path):
+    found = pipeline.verify(shutil.copy(outcome.report, tmp_path))
+    assert [name for name, state in status(found).items() if state == "not checked"] == [
+        "the inputs",
+        "the figures",
+    ]
+    assert found.exit_code == 5
+
+
+def test_a_page_of_another_version_is_not_compared(outcome, tmp_path):
+    path = Path(shutil.copy(outcome.report.parent / "result.json", tmp_path))
+    content = json.loads(path.read_text(encoding="utf-8"))
+    from pivometer.pipeline.verifying import _drawn
+
+    assert _drawn(content, list).status == "holds"
+    assert _drawn(content | {"software": "pivometer 9.9"}, list).status == "not checked"
+
+
+def test_a_damaged_file_is_changed_and_another_file_is_wrong_usage(copied, tmp_path, capsys):
+    path = copied / "results" / "result.json"
+    path.write_bytes(path.read_bytes()[:-100])
+    assert main(["verify", str(path)]) == 4
+    other = tmp_path / "notes.txt"
+    other.write_text("no result", encoding="utf-8")
+    assert main(["verify", str(other)]) == 2
+    assert "holds no result of Pivometer" in capsys.readouterr().err
+
+
+def test_inputs_outside_the_session_are_not_read(outcome, tmp_path):
+    from pivometer.pipeline.verifying import _inputs
+
+    secret = tmp_path / "secret"
+    secret.write_bytes(b"")
+    assert _inputs({"../secret": "0" * 64}, tmp_path / "s").text == "../secret (missing)"

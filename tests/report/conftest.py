@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -21,12 +20,13 @@ from pivometer.measurement import (
     BoardFrame,
     Measurement,
     PoseDistances,
+    Provenance,
     RejectedPose,
     Setup,
     UsedPose,
 )
 from pivometer.rcm import Finding, solve
-from pivometer.report import Provenance, Thumbnail, make_thumbnail
+from pivometer.report import Thumbnail, make_thumbnail
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.triangulation import Centerline
 from pivometer.uncertainty.frame import BoardFrameUncertainty
@@ -180,6 +180,7 @@ def fake_measurement(
         ),
         inputs={f"shaft/{name}/{i:03d}.png": f"{i:064x}" for name in cameras for i in range(count)},
         software="pivometer 0.1.0",
+        provenance=fake_provenance(),
     )
 
 
@@ -201,9 +202,9 @@ def _side(a: np.ndarray, b: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndar
 
 def fake_provenance() -> Provenance:
     return Provenance(
-        {"pivometer": "0.1.0", "numpy": "2.4.0", "opencv": "5.0.0"},
         "pivometer measure gold-standard",
-        datetime(2026, 11, 22, 9, 30, tzinfo=UTC),
+        "2026-11-22T09:30:00+00:00",
+        {"pivometer": "0.1.0", "numpy": "2.4.0", "opencv": "5.0.0"},
     )
 
 

@@ -25,10 +25,8 @@ def structured(measurement):
     return replace(measurement, structure=structure_of(measurement, table))
 
 
-def test_the_report_has_the_section_only_where_it_is_stated(
-    measurement, structured, thumbnails, provenance
-):
-    given = {"thumbnails": thumbnails, "provenance": provenance}
+def test_the_report_has_the_section_only_where_it_is_stated(measurement, structured, thumbnails):
+    given = {"thumbnails": thumbnails}
     assert "Structure of the error" in render_html(structured, **given)
     assert "Structure of the error" not in render_html(measurement, **given)
 

@@ -680,3 +680,15 @@ def schema() -> None:
     from pivometer.io.schema import schema as result_schema
 
     sys.stdout.write(json.dumps(result_schema(), indent=2, ensure_ascii=False) + "\n")
+
+
+app.command(
+    "pivometer.cli.verify:verify",
+    help_prologue="""\
+Example:  pivometer verify my-session/results/report.html
+          pivometer verify report.html my-session
+Exit codes: 0 everything holds, 2 wrong usage or configuration, 3 data unfit
+          for an answer, 4 something was changed, 5 nothing found changed, but
+          not all could be checked.
+""",
+)

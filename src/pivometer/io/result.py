@@ -4,7 +4,9 @@ The names in the files are those of `Calibration` and `Measurement`.
 """
 
 import csv
+import hashlib
 import io
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,10 @@ _COLUMNS = (
 )
 
 
+SEAL = "sha256"
+"""Last name of a ``result.json``: SHA-256 of its text as it is without this name."""
+
+
 def result_content(measurement: Measurement) -> dict[str, Any]:
     """Return the content of ``result.json``: what `Measurement` holds, under the same names.
 
@@ -42,17 +48,35 @@ def result_content(measurement: Measurement) -> dict[str, Any]:
     """
     content = jsonable(measurement)
     content["poses"] = [dict.fromkeys(POSE_NAMES) | pose for pose in content["poses"]]
-    return {
+    stated = {
         "schema": RESULT_SCHEMA,
         "software": content.pop("software"),
         "reference_camera": measurement.reference_camera,
         **content,
     }
+    return stated | {SEAL: seal_of(stated)}
+
+
+def seal_of(content: Mapping[str, Any]) -> str:
+    """Return the SHA-256 that a result with this content states, whatever it does state.
+
+    Examples
+    --------
+    >>> seal_of({"a": 0.1, "sha256": "anything"}) == seal_of({"a": 0.1})
+    True
+    """
+    stated = {name: entry for name, entry in content.items() if name != SEAL}
+    return hashlib.sha256(text_of(stated).encode()).hexdigest()
+
+
+def text_of(content: Mapping[str, Any]) -> str:
+    """Return the text of a file with this content: the same content is always the same bytes."""
+    return json_text(dict(content)) + "\n"
 
 
 def result_text(measurement: Measurement) -> str:
     """Return the text of ``result.json``."""
-    return json_text(result_content(measurement)) + "\n"
+    return text_of(result_content(measurement))
 
 
 def rig_text(calibration: Calibration | ImportedRig, *, software: str) -> str:
@@ -120,7 +144,17 @@ def read_result(path: Path | str) -> Measurement:
     UsageError
         If the file is not a result, or is damaged; the message says where.
     """
-    content = _content(Path(path), (RESULT_SCHEMA,))
+    return measurement_in(_content(Path(path), (RESULT_SCHEMA,)), path)
+
+
+def measurement_in(content: object, path: Path | str) -> Measurement:
+    """Return the measurement that the content of a ``result.json`` states.
+
+    Raises
+    ------
+    UsageError
+        If it states none; the message names `path`.
+    """
     measurement: Measurement = _typed(Measurement, content, "", path)
     return measurement
 

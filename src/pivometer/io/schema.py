@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args, get_origin
 import numpy as np
 
 from pivometer.io.codec import UNLIMITED, alternatives_of, annotations_of, status_of
-from pivometer.io.result import POSE_NAMES, RESULT_SCHEMA
+from pivometer.io.result import POSE_NAMES, RESULT_SCHEMA, SEAL
 from pivometer.measurement import Measurement
 
 _SHAPES = {
@@ -59,6 +59,7 @@ def schema() -> dict[str, Any]:
         "schema": {"const": RESULT_SCHEMA},
         "reference_camera": {"type": "string", "description": "whose frame everything is in, mm"},
         **whole["properties"],
+        SEAL: {"type": "string", "description": "SHA-256 of the text without this name"},
     }
     whole["required"] = ["schema", "reference_camera", *whole["required"]]
     return {

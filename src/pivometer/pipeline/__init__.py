@@ -22,15 +22,18 @@ from pivometer.pipeline.solving import (
     write_pivot,
     write_solution,
 )
+from pivometer.pipeline.verifying import Examined, Verification, verify
 from pivometer.pipeline.writing import write_calibration, write_measurement, write_target
 
 __all__ = [
     "CheckOutcome",
     "Condition",
     "DemoOutcome",
+    "Examined",
     "Plan",
     "SolvedLines",
     "SolvedPoses",
+    "Verification",
     "calibrate",
     "check",
     "demo",
@@ -45,6 +48,7 @@ __all__ = [
     "solve_poses",
     "true_rcm",
     "two_cameras",
+    "verify",
     "write_calibration",
     "write_junit",
     "write_measurement",

@@ -27,6 +27,7 @@ from pivometer.io.session import Session
 from pivometer.measurement import (
     ImportedRig,
     Measurement,
+    Options,
     PoseDistances,
     RejectedPose,
     Setup,
@@ -37,6 +38,7 @@ from pivometer.pipeline.diagnosing import refuse_other_scale, refuse_wrong_order
 from pivometer.pipeline.framing import with_board_frame
 from pivometer.pipeline.other_points import with_all_points
 from pivometer.pipeline.own_error import with_own_error
+from pivometer.pipeline.provenance import provenance_now, settings_hash
 from pivometer.pipeline.reading import Progress
 from pivometer.pipeline.shaft_checking import Route, Triangulated, checked_poses, with_shaft
 from pivometer.pipeline.shafts import SHAFT_ADVICE, camera_shafts
@@ -116,7 +118,7 @@ def measure(
     _refuse_other_cameras(session, calibration.rig)
     seen: dict[str, dict[str, ShaftEdges | DataError]] = {}
     doubts: list[Finding] = []
-    inputs = {} if rig else dict(calibration.inputs)
+    inputs = settings_hash(session) | ({} if rig else dict(calibration.inputs))
     found = {**session.hints, **(hints or {})}
     for camera in calibration.rig.cameras:
         hint = found.get(camera.name)
@@ -125,7 +127,7 @@ def measure(
         if shafts.warning is not None:
             doubts.append(_doubt(camera.name, shafts.warning))
         inputs |= shafts.inputs
-    return measure_edges(
+    measurement = measure_edges(
         session,
         calibration,
         seen,
@@ -134,6 +136,8 @@ def measure(
         centerline=centerline,
         progress=progress,
     )
+    options = Options(method, distortion, centerline, hints or {}, rig_given=rig is not None)
+    return replace(measurement, provenance=provenance_now(options, command="pivometer.measure"))
 
 
 def measure_edges(

@@ -19,7 +19,7 @@ from pivometer.pipeline.measuring import measure
 from pivometer.pipeline.reading import Progress
 from pivometer.pipeline.writing import write_measurement
 from pivometer.rcm import RcmSolution, solve
-from pivometer.report.html import SimulatedTruth
+from pivometer.report.embedding import SimulatedTruth
 from pivometer.simulation.session import poses_csv
 from pivometer.uncertainty import lies_within
 

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-import platform
-from datetime import UTC, datetime
-from importlib.metadata import version
+from dataclasses import replace
 from pathlib import Path
 
-from pivometer._version import SOFTWARE, __version__
+import numpy as np
+
+from pivometer._version import SOFTWARE
 from pivometer.calibration import Board, Calibration
 from pivometer.errors import ImageError
 from pivometer.io.atomic import write_file, write_files
-from pivometer.io.result import centerlines_csv, result_text, rig_text
+from pivometer.io.result import centerlines_csv, rig_text
 from pivometer.io.session import Session
 from pivometer.io.sheet import sheet_content
 from pivometer.io.target import Paper, target_sheet
 from pivometer.measurement import Measurement
+from pivometer.pipeline.provenance import provenance_now
 from pivometer.pipeline.reading import Progress, ReadImage, streamed
-from pivometer.report.html import Provenance, SimulatedTruth, render_html
+from pivometer.pipeline.reporting import page_of, report_of
+from pivometer.report.embedding import SimulatedTruth, record_of
 from pivometer.report.thumbnails import Thumbnail, make_thumbnail
 from pivometer.shaft.across import EdgeProfiles, profiles_across
 from pivometer.shaft.background import sampled
@@ -63,21 +65,17 @@ def write_measurement(
     dict
         Paths of ``result.json``, ``centerlines.csv``, ``rig.json`` and ``report.html`` by name.
     """
+    provenance = measurement.provenance or provenance_now(command=command)
+    measurement = replace(measurement, provenance=replace(provenance, command=command))
     thumbnails, profiles = _pictures(measurement, session, progress)
-    report = render_html(
-        measurement,
-        thumbnails=thumbnails,
-        profiles=profiles,
-        provenance=Provenance(_versions(), command, datetime.now(UTC)),
-        simulated_truth=truth,
-    )
+    report = report_of(measurement, record_of(thumbnails, profiles, truth), thumbnails.values())
     return write_files(
         folder,
         {
-            "result.json": result_text(measurement),
+            "result.json": report.result,
             "centerlines.csv": centerlines_csv(measurement),
             "rig.json": rig_text(measurement.calibration, software=SOFTWARE),
-            "report.html": report,
+            "report.html": page_of(report),
         },
     )
 
@@ -113,18 +111,15 @@ def _pictures(
         if drawn is not None:
             thumbnails[key] = drawn[0]
             if drawn[1] is not None:
-                profiles[key] = drawn[1]
+                profiles[key] = _rounded(drawn[1])
     return thumbnails, profiles
 
 
-def _versions() -> dict[str, str]:
-    """Versions of what took part in the result."""
-    packages = ("numpy", "scipy", "opencv-python-headless")
-    return {
-        "pivometer": __version__,
-        "Python": platform.python_version(),
-        **{name: version(name) for name in packages},
-    }
+def _rounded(profiles: EdgeProfiles) -> EdgeProfiles:
+    """Round grey levels to a hundredth, which no plot resolves: the report carries them."""
+    return EdgeProfiles(
+        profiles.distance_px, np.round(profiles.grey, 2), np.round(profiles.fitted, 2)
+    )
 
 
 def write_target(board: Board, file: Path | str, *, paper: Paper = "A4") -> Path:

@@ -4,12 +4,10 @@ import base64
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from importlib.resources import files
 
 from markupsafe import Markup
 
-from pivometer._arrays import Floats, checked, read_only
 from pivometer.calibration.advice import advice
 from pivometer.calibration.result import Calibration
 from pivometer.measurement import Measurement, RejectedPose, UsedPose
@@ -18,6 +16,7 @@ from pivometer.report.chart import pose_chart
 from pivometer.report.coverage import coverage_pictures
 from pivometer.report.digits import error_decimals, fixed
 from pivometer.report.edge_plots import edge_plot, profile_plot
+from pivometer.report.embedding import Carried, SimulatedTruth
 from pivometer.report.overlays import PosePicture, pose_pictures
 from pivometer.report.points import all_points_table
 from pivometer.report.scene import scene, scene_picture
@@ -33,45 +32,6 @@ from pivometer.report.target import deciding_poses, mean_shaft_view, target_plot
 from pivometer.report.thumbnails import Thumbnail
 from pivometer.report.verdict import verdict
 from pivometer.shaft.across import EdgeProfiles
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Provenance:
-    """Where a report comes from; the inputs' hashes are in the measurement.
-
-    Parameters
-    ----------
-    versions
-        Version of every piece of software that took part, by name.
-    command
-        The command line, or what was called.
-    created
-        When the measurement was made, with its time zone.
-    """
-
-    versions: Mapping[str, str]
-    command: str
-    created: datetime
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SimulatedTruth:
-    """What is known of a simulated session.
-
-    Parameters
-    ----------
-    point_mm
-        The true RCM, shape (3,), mm, in the reference camera's frame.
-    max_mm, rms_mm
-        The simulated robot's true distances from that point, mm.
-    """
-
-    point_mm: Floats
-    max_mm: float
-    rms_mm: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "point_mm", read_only(checked(self.point_mm, (3,), "point_mm")))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,9 +55,9 @@ def render_html(
     measurement: Measurement,
     *,
     thumbnails: Mapping[tuple[str, str], Thumbnail],
-    provenance: Provenance,
     profiles: Mapping[tuple[str, str], EdgeProfiles] | None = None,
     simulated_truth: SimulatedTruth | None = None,
+    carried: Carried | None = None,
 ) -> str:
     """Return the report of a measurement as the text of one HTML file.
 
@@ -110,12 +70,12 @@ def render_html(
         What to report. Nothing is computed here that it does not hold.
     thumbnails
         Pictures by (pose, camera); a missing one is left out.
-    provenance
-        Versions, command and date.
     profiles
         Grey levels across the edges by (pose, camera); a missing one is left out.
     simulated_truth
         For a simulated session: adds how far the answer is from the truth.
+    carried
+        What the page carries of what it was made from, so that it can be verified.
 
     Returns
     -------
@@ -134,8 +94,9 @@ def render_html(
     script = _asset("viewer.js")
     return environment.get_template("report.html.j2").render(
         m=measurement,
-        provenance=provenance,
-        created=provenance.created.strftime("%Y-%m-%d %H:%M %Z").strip(),
+        provenance=measurement.provenance,
+        created=setup_tables.moment_text(measurement),
+        carried=carried,
         style=_asset("report.css"),
         script=script,
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),

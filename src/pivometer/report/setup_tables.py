@@ -1,6 +1,7 @@
 """The tables of the calibration and of the set-up."""
 
 from collections.abc import Mapping
+from datetime import datetime
 
 import numpy as np
 
@@ -175,6 +176,17 @@ def setup_table(measurement: Measurement) -> Table:
         *_entries("operator", setup.operator),
     ]
     return Table("Set-up as the session states it", ("what", "value"), tuple(rows))
+
+
+def moment_text(measurement: Measurement) -> str:
+    """Say when a measurement was made; nothing where that is not recorded."""
+    if measurement.provenance is None:
+        return ""
+    try:
+        moment = datetime.fromisoformat(measurement.provenance.created)
+    except ValueError:  # a file that someone wrote
+        return measurement.provenance.created
+    return moment.strftime("%Y-%m-%d %H:%M %Z").strip()
 
 
 def board_text(board: Board) -> str:
