@@ -9,12 +9,13 @@ from pivometer._arrays import Floats, checked
 from pivometer.cameras.model import Camera
 from pivometer.errors import ShapeError
 from pivometer.shaft.band_map import band_map
+from pivometer.shaft.banded import fit_banded
 from pivometer.shaft.bands import edge_lines, is_upright, width_px
 from pivometer.shaft.detection import ShaftSeed
 from pivometer.shaft.fitted import ShaftEdges, shaft_edges
 from pivometer.shaft.ladder import fit_ladder
 from pivometer.shaft.plain import fit_plain
-from pivometer.shaft.refusals import refuse_fit, refuse_outside, refuse_width
+from pivometer.shaft.refusals import refuse_fit, refuse_outside, refuse_width, strays
 from pivometer.shaft.search import found_lines
 from pivometer.shaft.shaded import FIRST_BLUR_PX, fit_shaded
 from pivometer.shaft.silhouette import coimage_normal, normalized_line, outward_normals
@@ -134,10 +135,12 @@ def fit_edges(
     if fitted is None and width_px(start) < THIN_PX:
         fitted = fit_thin(turned, (maps[0], maps[1]), start)
     if fitted is None:
+        fitted = fit_banded(turned, (maps[0], maps[1]), start)
+    if fitted is None:
         empty = None if background is None else _pixels(background, camera)
         empty = empty if empty is None or upright else empty.T
         fitted = fit_ladder(turned, (maps[0], maps[1]), start, empty)
-    if fitted is None:
+    if fitted is None or strays(fitted):
         fitted = fit_shaded(pixels, camera, start, FIRST_BLUR_PX)
     refuse_fit(camera, fitted, first)
     return shaft_edges(camera, fitted)

@@ -18,14 +18,28 @@ LEAST_WIDTH_PX = 3.0
 SEED_WIDTH_PX = 4.0
 SEED_WIDTH_PART = 0.2
 LARGEST_TAPER = 0.5
+FARTHEST_PX = 4.0
 """Refusals: fewer rows than 20 or a quarter of the seed's; contrast under twice the noise; an
 edge known to no better than half a pixel; edges closer than 3 px, or whose distance differs from
-the seed's by more than two seeds' errors and a fifth, or from end to end by more than a half."""
+the seed's by more than two seeds' errors and a fifth, or from end to end by more than a half; an
+end that a fit moved by 4 px from where the search saw a grey step, which is good to 1 px."""
+
+
+def strays(fitted: FittedEdges) -> bool:
+    """Tell whether a fit left the edges that it started from."""
+    moves = np.abs(fitted.parameters[:4].reshape(2, 2))
+    return bool(moves.sum(axis=1).max() > FARTHEST_PX)
 
 
 def refuse_fit(camera: Camera, fitted: FittedEdges, seed: tuple[EdgeLine, EdgeLine]) -> None:
     """Raise `ShaftNotFoundError` where the fit does not show the two edges of the seed."""
     lines = fitted.lines
+    if strays(fitted):
+        raise ShaftNotFoundError(
+            f"camera {camera.name}: no model of grey levels fits the edges that are seen; the last "
+            f"one tried left them by over {FARTHEST_PX:.0f} px",
+            next_step="look at the picture: what is beside the shaft, or shines on it?",
+        )
     refuse_width(camera, width_px(lines), width_px(seed))
     gaps = [
         float(abs((lines[0].at(np.array(lever)) - lines[1].middle_px) @ lines[1].outward))
