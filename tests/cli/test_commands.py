@@ -20,6 +20,7 @@ COMMANDS = (
     "simulate",
     "calibrate",
     "measure",
+    "app",
     "export",
     "target",
     "solve",

@@ -692,3 +692,14 @@ Exit codes: 0 everything holds, 2 wrong usage or configuration, 3 data unfit
           not all could be checked.
 """,
 )
+
+
+app.command(
+    "pivometer.cli.guided:guided",
+    name="app",
+    help_prologue="""\
+Example:  pivometer app my-session
+          opens the browser: set up, calibrate, take poses, read the result,
+          write the report.
+""",
+)

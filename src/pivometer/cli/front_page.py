@@ -21,6 +21,7 @@ Commands:
   simulate   Render a session whose truth is known, in DIR/truth.json.
   calibrate  Calibrate the cameras of a session from its board views.
   measure    Measure the RCM of a session and write the report.
+  app        Lead through a measurement in the browser of this computer.
   export     Write a calibrated rig in the format of another program.
   target     Draw a calibration board to print, as PDF or SVG.
   solve      Solve for the RCM of lines from a CSV file.

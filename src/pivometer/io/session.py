@@ -12,6 +12,7 @@
       reference/<camera>/<view>.png     a board fixed near the RCM
       closing/<camera>/<view>.png       the board again at the end
       poses.csv                         joints, time and side of approach of each pose
+      exclusions.csv                    pictures that a person took out, and why
 """
 
 import difflib
@@ -25,7 +26,7 @@ from typing import Literal
 
 from pivometer.calibration.board import Board
 from pivometer.errors import ImageError, SessionError
-from pivometer.io import video
+from pivometer.io import exclusions, video
 from pivometer.io.images import EXTENSIONS
 from pivometer.io.joints import FILE_NAME, PoseTable, read_pose_table
 from pivometer.io.settings import EXAMPLE, Settings, read_settings
@@ -94,6 +95,9 @@ class Session:
         What ``poses.csv`` says of each pose; `None` without that file.
     hints
         By camera, where the shaft is, from ``[shaft.hint]``; empty where none is needed.
+    excluded
+        By view (``"shaft/012"``), why a person took it out, from ``exclusions.csv``. The images are
+        listed all the same.
     """
 
     folder: Path
@@ -112,6 +116,7 @@ class Session:
     ignored: tuple[str, ...]
     pose_table: PoseTable | None = None
     hints: Mapping[str, ShaftHint] = field(default_factory=dict)
+    excluded: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def reference(self) -> str:
@@ -212,6 +217,7 @@ def _load(root: Path) -> Session:
         ignored=tuple(ignored),
         pose_table=_pose_table(root / FILE_NAME, views["shaft"]),
         hints=MappingProxyType(_hints(root, settings, cameras)),
+        excluded=exclusions.excluded_now(exclusions.read_exclusions(root / exclusions.FILE_NAME)),
     )
 
 

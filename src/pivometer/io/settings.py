@@ -19,6 +19,9 @@ from pivometer.calibration.board import Board, BoardForm
 from pivometer.errors import SessionError
 from pivometer.shaft.hint import ShaftHint
 
+MOST_BYTES = 1_000_000
+"""Of a ``session.toml``: a session's description is a page."""
+
 EXAMPLE = '[board] kind = "checkerboard", squares = [9, 7], square_mm = 15.0'
 
 
@@ -173,6 +176,12 @@ def read_settings(path: Path) -> Settings:
 def _text(path: Path) -> str:
     """Return the file's text; a byte-order mark, which some editors put first, is dropped."""
     try:
+        if path.stat().st_size > MOST_BYTES:
+            raise SessionError(
+                f"is {path.stat().st_size / 1e6:.0f} MB, more than any session's description",
+                next_step=f"write it: {EXAMPLE}",
+                path=path,
+            )
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise SessionError(

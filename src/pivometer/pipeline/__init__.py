@@ -2,6 +2,14 @@
 
 from pivometer.io.session import load
 from pivometer.pipeline.calibrating import calibrate
+from pivometer.pipeline.capturing import (
+    add_picture,
+    capture,
+    describe,
+    exclude,
+    save_sources,
+    saved_sources,
+)
 from pivometer.pipeline.checking import CheckOutcome, Condition, check
 from pivometer.pipeline.junit import write_junit
 from pivometer.pipeline.measuring import measure
@@ -22,7 +30,14 @@ from pivometer.pipeline.solving import (
     write_pivot,
     write_solution,
 )
+from pivometer.pipeline.standing import (
+    ViewQuality,
+    standing_calibration,
+    standing_measurement,
+    view_qualities,
+)
 from pivometer.pipeline.verifying import Examined, Verification, verify
+from pivometer.pipeline.watching import device_thumbnails
 from pivometer.pipeline.writing import write_calibration, write_measurement, write_target
 
 __all__ = [
@@ -34,21 +49,32 @@ __all__ = [
     "SolvedLines",
     "SolvedPoses",
     "Verification",
+    "ViewQuality",
+    "add_picture",
     "calibrate",
+    "capture",
     "check",
     "demo",
+    "describe",
+    "device_thumbnails",
+    "exclude",
     "foreseen_calibration",
     "load",
     "measure",
     "plan",
+    "save_sources",
+    "saved_sources",
     "seen_length_mm",
     "simulate",
     "solve_axis",
     "solve_lines",
     "solve_poses",
+    "standing_calibration",
+    "standing_measurement",
     "true_rcm",
     "two_cameras",
     "verify",
+    "view_qualities",
     "write_calibration",
     "write_junit",
     "write_measurement",

@@ -108,7 +108,10 @@ def calibrate(
 
 
 def corners(read: ReadImage, session: Session, size: tuple[int, int]) -> BoardView | RejectedView:
-    """Find the board in an image, or say why it is not there."""
+    """Find the board in an image, or say why it is not there or does not count."""
+    if read.file.view in session.excluded:
+        reason = f"excluded by hand: {session.excluded[read.file.view]}"
+        return RejectedView(read.file.camera, read.file.view, reason)
     try:
         image = usable(read, size)
         return find_corners(image, session.board, camera=read.file.camera, view=read.file.view)

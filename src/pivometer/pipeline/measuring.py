@@ -23,6 +23,7 @@ from pivometer.errors import (
 )
 from pivometer.geometry.line import unit
 from pivometer.geometry.rigid import RigidTransform
+from pivometer.io.exclusions import FILE_NAME as EXCLUSIONS
 from pivometer.io.session import Session
 from pivometer.measurement import (
     ImportedRig,
@@ -229,7 +230,10 @@ def _poses(
     """Triangulate every pose that at least two cameras saw, and gate the shaft they saw."""
     refuse_wrong_order(seen, rig)
     poses = [
-        _triangulated(pose, rig, {name: outcomes.get(pose) for name, outcomes in seen.items()})
+        _excluded(
+            _triangulated(pose, rig, {name: outcomes.get(pose) for name, outcomes in seen.items()}),
+            session.excluded.get(f"shaft/{pose}"),
+        )
         for pose in session.shaft
     ]
     lines = [pose for pose in poses if isinstance(pose, Triangulated)]
@@ -264,6 +268,14 @@ def _triangulated(
     except DegenerateGeometryError as error:
         return RejectedPose(pose, error.what, error.next_step, edges)
     return Triangulated(pose, centerline, edges)
+
+
+def _excluded(pose: Triangulated | RejectedPose, reason: str | None) -> Triangulated | RejectedPose:
+    """Return a pose as it is, or as rejected where a person took it out."""
+    if reason is None:
+        return pose
+    step = f"take it back in {EXCLUSIONS} if it should count"
+    return RejectedPose(pose.pose, f"excluded by hand: {reason}", step, pose.edges)
 
 
 def _measurement(

@@ -1,0 +1,31 @@
+// Live pictures: ask for the next frame when the last one is shown, so that a slow computer skips.
+(() => {
+  const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+  async function play(image) {
+    let after = -1, shown = null;
+    while (image.isConnected) {
+      try {
+        if (document.hidden) { await pause(200); continue; }
+        const camera = encodeURIComponent(image.dataset.live);
+        const answer = await fetch(`/live/${camera}.jpg?after=${after}`, { cache: "no-store" });
+        image.classList.toggle("lost", answer.status === 410);
+        if (answer.status !== 200) { await pause(answer.status === 204 ? 20 : 500); continue; }
+        after = answer.headers.get("X-Frame");
+        const next = URL.createObjectURL(await answer.blob());
+        image.src = next;
+        await image.decode().catch(() => undefined);
+        if (shown) URL.revokeObjectURL(shown);
+        shown = next;
+        image.dataset.frames = 1 + Number(image.dataset.frames || 0);
+      } catch { await pause(500); }
+    }
+    if (shown) URL.revokeObjectURL(shown);
+  }
+  function start() {
+    for (const image of document.querySelectorAll("img[data-live]:not([data-playing])")) {
+      image.dataset.playing = "yes";
+      play(image);
+    }
+  }
+  setInterval(start, 100);
+})();

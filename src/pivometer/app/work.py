@@ -1,0 +1,98 @@
+"""What the app knows: the session folder, read again whenever something was written to it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from pivometer import pipeline
+from pivometer.app.feeds import Feed, same_moment
+from pivometer.errors import PivometerError
+from pivometer.io.session import Session
+from pivometer.io.sources import USUAL_RATE_HZ, Frame, open_source
+
+
+class Work:
+    """One session in work: its folder and its cameras.
+
+    Parameters
+    ----------
+    folder
+        The session folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.session: Session | None = None
+        self.fault: str | None = None
+        self.feeds: dict[str, Feed] = {}
+        self.reload()
+
+    def reload(self) -> None:
+        """Read the folder again."""
+        try:
+            self.session, self.fault = pipeline.load(self.folder), None
+        except PivometerError as error:
+            self.session = None
+            self.fault = str(error) if (self.folder / "session.toml").exists() else None
+
+    def done(self, step: str) -> str:
+        """Return a short note on how far one step is; empty where it has not begun."""
+        session = self.session
+        if session is None:
+            return ""
+        results = self.folder / "results"
+        notes = {
+            "/": "✓",
+            "/calibrate": _count(len(session.board_views), (results / "rig.json").is_file()),
+            "/poses": _count(len(session.shaft), False),
+            "/result": "✓" if (results / "result.json").is_file() else "",
+            "/report": "✓" if (results / "report.html").is_file() else "",
+        }
+        return notes[step]
+
+    def open_cameras(self, sources: Mapping[str, str], rate_hz: float) -> None:
+        """Open the cameras in place of those that are open.
+
+        Raises
+        ------
+        PivometerError
+            If one cannot be opened; then none is.
+        """
+        self.close_cameras()
+        start, opened = time.monotonic(), {}
+        try:
+            for name, text in sources.items():
+                opened[name] = open_source(text, rate_hz=rate_hz, start_s=start)
+        except PivometerError:
+            for source in opened.values():
+                source.close()
+            raise
+        self.feeds = {name: Feed(name, source) for name, source in opened.items()}
+
+    def open_saved_cameras(self) -> str | None:
+        """Open the cameras that the session folder names; return why not, where that fails."""
+        sources, rate_hz = pipeline.saved_sources(self.folder)
+        if self.session is None or not sources:
+            return None
+        wanted = {name: sources[name] for name in self.session.cameras if name in sources}
+        try:
+            self.open_cameras(wanted, rate_hz or USUAL_RATE_HZ)
+        except PivometerError as error:
+            return str(error)
+        return None
+
+    def close_cameras(self) -> None:
+        """Close all cameras."""
+        for feed in self.feeds.values():
+            feed.close()
+        self.feeds = {}
+
+    def moment(self) -> dict[str, Frame] | None:
+        """Return every camera's frame of the newest moment that all have."""
+        return same_moment(self.feeds)
+
+
+def _count(count: int, done: bool) -> str:
+    return " ".join([*([str(count)] if count else []), *(["✓"] if done else [])])

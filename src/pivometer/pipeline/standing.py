@@ -1,0 +1,113 @@
+"""How a session folder stands: which of its results still hold, and the worst board views."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pivometer._arrays import Floats
+from pivometer.calibration import BoardView, Calibration
+from pivometer.calibration.frame import pose_alone, projection_errors
+from pivometer.calibration.metric_scale import reconstructed_edges
+from pivometer.errors import DataError, PivometerError
+from pivometer.io.result import read_result, read_rig
+from pivometer.io.session import Session
+from pivometer.measurement import Measurement
+
+_BY_HAND = "excluded by hand"
+
+
+def standing_calibration(session: Session) -> Calibration | None:
+    """Return the calibration in the session's results, if it is of the board pictures there are.
+
+    A picture more, a picture less, an exclusion or its undoing makes it old.
+    """
+    path = session.folder / "results" / "rig.json"
+    known = _read(path)
+    if not isinstance(known, Calibration):
+        return None
+    files = list(session.board_images())
+    out = {(one.camera, one.view) for one in known.rejected if one.reason.startswith(_BY_HAND)}
+    wanted = {(file.camera, file.view) for file in files if file.view in session.excluded}
+    of_these = set(known.inputs) == {file.name for file in files}
+    same_board = known.board.squares == session.board.squares and (
+        known.board.square_mm == session.board.square_mm
+    )
+    return known if of_these and out == wanted and same_board else None
+
+
+def _read(path: Path) -> object:
+    if not path.is_file():
+        return None
+    try:
+        return read_rig(path)
+    except PivometerError:
+        return None
+
+
+def standing_measurement(session: Session) -> Measurement | None:
+    """Return the measurement in the session's results, if it is of the poses there are."""
+    path = session.folder / "results" / "result.json"
+    if not path.is_file() or standing_calibration(session) is None:
+        return None
+    try:
+        known = read_result(path)
+    except PivometerError:
+        return None
+    out = {pose.pose for pose in known.rejected if pose.reason.startswith(_BY_HAND)}
+    wanted = {stem for stem in session.shaft if f"shaft/{stem}" in session.excluded}
+    return known if [p.pose for p in known.poses] == list(session.shaft) and out == wanted else None
+
+
+@dataclass(frozen=True, slots=True)
+class ViewQuality:
+    """How well one board view fits the calibration.
+
+    Parameters
+    ----------
+    view
+        The view.
+    cameras
+        The cameras that saw it.
+    rms_mm, max_mm
+        Error of its edges reconstructed from all cameras, mm; of a single camera's view, by how
+        much its corners miss, at the board's distance, mm.
+    """
+
+    view: str
+    cameras: tuple[str, ...]
+    rms_mm: float
+    max_mm: float
+
+
+def view_qualities(calibration: Calibration) -> tuple[ViewQuality, ...]:
+    """Return how well every view fits, the worst first."""
+    moments: dict[str, list[int]] = {}
+    for row, view in enumerate(calibration.views):
+        moments.setdefault(view.view, []).append(row)
+    known = [_quality(calibration, view, rows) for view, rows in moments.items()]
+    return tuple(sorted(known, key=lambda quality: -quality.rms_mm))
+
+
+def _quality(calibration: Calibration, view: str, rows: list[int]) -> ViewQuality:
+    views = [calibration.views[row] for row in rows]
+    board, rig = calibration.board, calibration.rig
+    cameras = tuple(one.camera for one in views)
+    misses = np.abs(_lengths(calibration, views) - board.square_mm)
+    if not len(misses):  # one camera alone, or no edge in common
+        pose = pose_alone(views[0], board, rig)
+        errors = projection_errors(views[:1], board.corners_mm, rig, pose)[0].reshape(-1, 2)
+        row = rig.index(views[0].camera)
+        middle = rig.reference_from_camera[row].inverse() @ (pose @ board.corners_mm.mean(axis=0))
+        mm_per_px = float(middle[2]) / float(rig.cameras[row].focal_px.mean())
+        misses = np.linalg.norm(errors, axis=1) * mm_per_px
+    return ViewQuality(view, cameras, float(np.sqrt(np.mean(misses**2))), float(misses.max()))
+
+
+def _lengths(calibration: Calibration, views: list[BoardView]) -> Floats:
+    try:
+        return reconstructed_edges(views, calibration.board, calibration.rig)
+    except DataError:
+        return np.zeros(0)

@@ -1,0 +1,126 @@
+"""Nobody without the token reads the app, and no page of another program does."""
+
+import socket
+import stat
+from pathlib import Path
+
+import pytest
+
+from pivometer.app import free_port, run_app
+from pivometer.app.guard import new_token
+from pivometer.errors import UsageError
+
+HANDSHAKE = {
+    "Connection": "Upgrade",
+    "Upgrade": "websocket",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+}
+SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+POLLING = "/_nicegui_ws/socket.io/?EIO=4&transport=polling"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("guard") / "new"
+
+
+@pytest.fixture(scope="module")
+def app(start_app, folder: Path):
+    return start_app(folder)
+
+
+def test_only_the_bearer_of_the_token_is_let_in(app) -> None:
+    for path in (
+        "/",
+        "/calibrate",
+        "/live/left.jpg",
+        "/files/report.html",
+        POLLING,
+        "/favicon.ico",
+    ):
+        assert app.get(path)[0] == 403, path
+    assert app.get(SOCKET, HANDSHAKE)[0] == 403
+    for wrong in (app.token[:-1], app.token + "x", "", "%FF%00", "é"):
+        assert app.get(f"/?token={wrong.encode().hex() if wrong == 'é' else wrong}")[0] == 403
+        assert app.get("/", {"Cookie": f"pivometer-{app.port}={wrong}".encode("latin-1")})[0] == 403
+
+    status, headers, _ = app.get(f"/?token={app.token}")
+    assert status == 303
+    assert headers["location"] == "/"  # the token does not stay in the history
+    assert "HttpOnly" in headers["set-cookie"]
+    assert "samesite=lax" in headers["set-cookie"].lower()
+
+    status, headers, page = app.get("/", cookie=True)
+    assert status == 200
+    assert b"Set up" in page
+    assert app.token.encode() not in page
+    assert "default-src 'self'" in headers["content-security-policy"]
+    assert app.get(SOCKET, HANDSHAKE, cookie=True)[0] == 101
+    assert app.get(POLLING, cookie=True)[0] == 200
+
+    # A page of another program on this computer brings the cookie, but not our origin.
+    elsewhere = {"Origin": "http://127.0.0.1:9"}
+    assert app.get(SOCKET, HANDSHAKE | elsewhere, cookie=True)[0] == 403
+    assert app.get("/", elsewhere, cookie=True)[0] == 403
+    embedded = {"Sec-Fetch-Site": "same-site", "Sec-Fetch-Mode": "no-cors"}
+    assert app.get("/live/left.jpg", embedded, cookie=True)[0] == 403
+    # A name that somebody's server lets point here (DNS rebinding) is not ours.
+    assert app.get("/", {"Host": f"evil.example:{app.port}"}, cookie=True)[0] == 403
+    # Nothing outside of what the app serves can be named.
+    for path in ("/files/../session.toml", "/files/%2e%2e/session.toml", "/live/..%2f..%2fx.jpg"):
+        assert app.get(path, cookie=True)[0] in (404, 410), path
+
+
+def test_the_app_listens_on_the_loopback_address_only(app, folder: Path) -> None:
+    own = {entry[4][0] for entry in socket.getaddrinfo(socket.gethostname(), None)}
+    for address in own - {"127.0.0.1", "::1"}:
+        if address.startswith("127."):
+            continue
+        with pytest.raises(OSError, match=r"."):
+            socket.create_connection((address, app.port), timeout=2).close()
+    assert not list(folder.parent.iterdir())  # looking writes nothing
+
+
+def test_tokens_are_long_and_never_the_same() -> None:
+    tokens = {new_token() for _ in range(100)}
+    assert len(tokens) == 100
+    assert min(map(len, tokens)) >= 43  # 256 bits in base 64
+
+
+def test_the_file_that_opens_the_browser_is_the_owners_only(monkeypatch) -> None:
+    from pivometer.app import opening
+
+    named: list[str] = []
+    monkeypatch.setattr(opening.webbrowser, "open", lambda url: named.append(url) or True)
+    page = opening.open_browser("http://127.0.0.1:1/?token=secret")
+    try:
+        assert stat.S_IMODE(page.stat().st_mode) == 0o600
+        assert "secret" in page.read_text(encoding="utf-8")
+        assert named == [page.as_uri()]
+        assert "secret" not in named[0]
+    finally:
+        page.unlink()
+
+
+def test_a_port_that_is_taken_is_told() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        with pytest.raises(UsageError, match=r"port \d+ of this computer cannot be used"):
+            free_port(taken.getsockname()[1])
+
+
+def test_without_the_extra_the_message_says_what_to_install(monkeypatch, tmp_path: Path) -> None:
+    import pivometer.app
+
+    monkeypatch.setattr(pivometer.app.importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(UsageError) as refused:
+        run_app(tmp_path / "new")
+    assert refused.value.next_step == 'pip install "pivometer[app]"'
+
+
+def test_a_file_is_no_session_folder(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x", encoding="utf-8")
+    with pytest.raises(UsageError, match="is a file"):
+        run_app(tmp_path / "file")
