@@ -10,6 +10,7 @@ import pytest
 from pivometer import pipeline
 from pivometer.cli import main
 from pivometer.io.result import seal_of, text_of
+from pivometer.report.pdf import pdf_extra_is_there
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +39,7 @@ def test_everything_is_on_disk(outcome):
     assert {path.name for path in folder.iterdir()} == {
         "centerlines.csv",
         "report.html",
+        *(["report.pdf"] if pdf_extra_is_there() else []),
         "result.json",
         "rig.json",
     }
@@ -105,6 +107,20 @@ def test_one_letter_of_a_picture_is_found_and_the_pose_named(outcome, tmp_path):
     assert found.exit_code == 4
 
 
+def test_the_pdf_carries_all_that_is_needed_to_verify_it(outcome, tmp_path):
+    pytest.importorskip("typst", reason="the extra pdf is not installed")
+    path = Path(shutil.copy(outcome.report.with_suffix(".pdf"), tmp_path))
+    found = pipeline.verify(path, file_only=True)
+    assert [*status(found).values()] == ["holds"] * 4
+    content = path.read_bytes()
+    at = content.index(b"/MediaBox")  # of the first page
+    at = content.index(b"stream\n", content.index(b"/Contents", at)) + 400
+    path.write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])
+    found = pipeline.verify(path, file_only=True)
+    assert found.exit_code == 4
+    assert f"differs from byte {at}" in found.examined[-2].text
+
+
 def test_one_digit_of_the_result_is_found(copied):
     path = copied / "results" / "result.json"
     stated = json.loads(path.read_text(encoding="utf-8"))["rcm"]["minimax"]["max_mm"]
@@ -153,13 +169,13 @@ def test_without_the_session_it_says_what_it_could_not_check(outcome, tmp_path):
     assert found.exit_code == 5
 
 
-def test_a_page_of_another_version_is_not_compared(outcome, tmp_path):
-    path = Path(shutil.copy(outcome.report.parent / "result.json", tmp_path))
-    content = json.loads(path.read_text(encoding="utf-8"))
-    from pivometer.pipeline.verifying import _drawn
+def test_a_page_of_another_version_is_not_compared(outcome, monkeypatch):
+    from pivometer.pipeline import examining
 
-    assert _drawn(content, list).status == "holds"
-    assert _drawn(content | {"software": "pivometer 9.9"}, list).status == "not checked"
+    monkeypatch.setattr(examining, "SOFTWARE", "pivometer 9.9")
+    found = pipeline.verify(outcome.report, file_only=True)
+    assert status(found)["the displayed figures"] == "not checked"
+    assert found.exit_code == 5
 
 
 def test_a_damaged_file_is_changed_and_another_file_is_wrong_usage(copied, tmp_path, capsys):

@@ -21,7 +21,7 @@ def verify(
     Parameters
     ----------
     file
-        A report.html or result.json that Pivometer wrote.
+        A report.html, report.pdf or result.json that Pivometer wrote.
     session
         The session folder; the one in whose results the file lies where none is given.
     file_only

@@ -11,6 +11,7 @@ from pivometer.pipeline.capturing import (
     saved_sources,
 )
 from pivometer.pipeline.checking import CheckOutcome, Condition, check
+from pivometer.pipeline.examining import Examined
 from pivometer.pipeline.junit import write_junit
 from pivometer.pipeline.measuring import measure
 from pivometer.pipeline.planning import (
@@ -36,7 +37,7 @@ from pivometer.pipeline.standing import (
     standing_measurement,
     view_qualities,
 )
-from pivometer.pipeline.verifying import Examined, Verification, verify
+from pivometer.pipeline.verifying import Verification, verify
 from pivometer.pipeline.watching import device_thumbnails
 from pivometer.pipeline.writing import write_calibration, write_measurement, write_target
 

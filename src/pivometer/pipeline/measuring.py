@@ -39,7 +39,7 @@ from pivometer.pipeline.diagnosing import refuse_other_scale, refuse_wrong_order
 from pivometer.pipeline.framing import with_board_frame
 from pivometer.pipeline.other_points import with_all_points
 from pivometer.pipeline.own_error import with_own_error
-from pivometer.pipeline.provenance import provenance_now, settings_hash
+from pivometer.pipeline.provenance import provenance_now, settings_hashes
 from pivometer.pipeline.reading import Progress
 from pivometer.pipeline.shaft_checking import Route, Triangulated, checked_poses, with_shaft
 from pivometer.pipeline.shafts import SHAFT_ADVICE, camera_shafts
@@ -119,7 +119,7 @@ def measure(
     _refuse_other_cameras(session, calibration.rig)
     seen: dict[str, dict[str, ShaftEdges | DataError]] = {}
     doubts: list[Finding] = []
-    inputs = settings_hash(session) | ({} if rig else dict(calibration.inputs))
+    inputs = settings_hashes(session) | ({} if rig else dict(calibration.inputs))
     found = {**session.hints, **(hints or {})}
     for camera in calibration.rig.cameras:
         hint = found.get(camera.name)

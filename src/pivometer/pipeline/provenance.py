@@ -4,9 +4,11 @@ import hashlib
 import platform
 from datetime import UTC, datetime
 from importlib.metadata import version
+from pathlib import Path
 
 from pivometer._version import __version__
 from pivometer.errors import SessionError
+from pivometer.io.exclusions import FILE_NAME as EXCLUSIONS
 from pivometer.io.session import Session
 from pivometer.measurement import Options, Provenance
 
@@ -25,17 +27,21 @@ def provenance_now(options: Options | None = None, *, command: str) -> Provenanc
     return Provenance(command, created, versions, options)
 
 
-def settings_hash(session: Session) -> dict[str, str]:
-    """Return the SHA-256 of ``session.toml``, which holds the board and the shaft's diameter.
+def settings_hashes(session: Session) -> dict[str, str]:
+    """Return the SHA-256 of what is no picture: ``session.toml``, and ``exclusions.csv`` if any.
 
     Raises
     ------
     SessionError
-        If it cannot be read any more.
+        If one cannot be read any more.
     """
-    path = session.folder / SETTINGS
+    names = [SETTINGS, *([EXCLUSIONS] if (session.folder / EXCLUSIONS).is_file() else [])]
+    return {name: _sha256(session.folder / name) for name in names}
+
+
+def _sha256(path: Path) -> str:
     try:
-        return {SETTINGS: hashlib.sha256(path.read_bytes()).hexdigest()}
+        return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
         raise SessionError(
             f"cannot be read: {error.strerror}", next_step="leave it in place", path=path

@@ -14,24 +14,42 @@ from pivometer.io.result import SEAL, measurement_in, result_text, text_of
 from pivometer.measurement import Measurement
 from pivometer.report.embedding import RECORD, RESULT, Carried, ReportRecord, packed
 from pivometer.report.html import render_html
+from pivometer.report.pdf import render_pdf
 from pivometer.report.thumbnails import Thumbnail
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Report:
-    """What a report is drawn from.
+    """What a report is drawn from: nothing but what its file carries.
 
     Parameters
     ----------
-    result, record
-        The texts it carries: ``result.json``, and what else it shows.
+    texts
+        What it carries: ``result.json``, and what else it shows, by name.
     pictures
         Its encoded pictures by their SHA-256.
+    content
+        The content of the result.
+    measurement, record
+        What the two texts state.
     """
 
-    result: str
-    record: str
+    texts: Mapping[str, str]
     pictures: Mapping[str, bytes]
+    content: Mapping[str, Any]
+    measurement: Measurement
+    record: ReportRecord
+
+    @property
+    def seal(self) -> str:
+        """The SHA-256 that the result states of itself."""
+        return str(self.content.get(SEAL, "not stated"))
+
+    @property
+    def lost(self) -> list[str]:
+        """The recorded pictures that are not there."""
+        recorded = self.record.pictures.items()
+        return [name for name, one in recorded if one.sha256 not in self.pictures]
 
 
 def report_of(
@@ -39,11 +57,27 @@ def report_of(
 ) -> Report:
     """Gather what a report is drawn from."""
     pictures = {hashlib.sha256(one.jpeg).hexdigest(): one.jpeg for one in thumbnails}
-    return Report(result_text(measurement), text_of(jsonable(record)), pictures)
+    return report_in(result_text(measurement), text_of(jsonable(record)), pictures)
+
+
+def report_in(result: str, record: str, pictures: Mapping[str, bytes]) -> Report:
+    """Read what a report carries.
+
+    Raises
+    ------
+    UsageError
+        If a text does not state what it should.
+    """
+    try:
+        content, shown = json.loads(result), typed(ReportRecord, json.loads(record))
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f"is not JSON: {error}", next_step="take the report anew") from error
+    texts = {RESULT: result, RECORD: record}
+    return Report(texts, pictures, content, measurement_in(content, RESULT), shown)
 
 
 def page_of(report: Report, blocks: Mapping[str, str] | None = None) -> str:
-    """Draw the page of a report from the texts that it carries.
+    """Draw a report as a page.
 
     Parameters
     ----------
@@ -52,35 +86,30 @@ def page_of(report: Report, blocks: Mapping[str, str] | None = None) -> str:
     blocks
         The texts as they were compressed before, since libraries compress differently; compressed
         anew where none are given.
-
-    Raises
-    ------
-    UsageError
-        If a text does not state what it should.
     """
-    content: dict[str, Any] = json.loads(report.result)
-    record = record_in(report.record)
-    texts = {RESULT: report.result, RECORD: report.record}
-    blocks = blocks or {name: packed(text) for name, text in texts.items()}
+    blocks = blocks or {name: packed(text) for name, text in report.texts.items()}
     return render_html(
-        measurement_in(content, RESULT),
-        thumbnails=record.thumbnails(report.pictures),
-        profiles=record.profiles_by_pose(),
-        simulated_truth=record.truth,
-        carried=Carried(blocks, str(content.get(SEAL))),
+        report.measurement,
+        thumbnails=report.record.thumbnails(report.pictures),
+        profiles=report.record.profiles_by_pose(),
+        simulated_truth=report.record.truth,
+        carried=Carried(blocks, report.seal),
     )
 
 
-def record_in(text: str) -> ReportRecord:
-    """Read the record of a report.
+def pdf_of(report: Report) -> bytes:
+    """Typeset a report.
 
     Raises
     ------
     UsageError
-        If it is damaged.
+        If the extra ``pdf`` is not installed.
     """
-    try:
-        record: ReportRecord = typed(ReportRecord, json.loads(text))
-    except (ValueError, RecursionError) as error:
-        raise UsageError(f"is not JSON: {error}", next_step="take the report anew") from error
-    return record
+    return render_pdf(
+        report.measurement,
+        thumbnails=report.record.thumbnails(report.pictures),
+        profiles=report.record.profiles_by_pose(),
+        simulated_truth=report.record.truth,
+        attached=report.texts,
+        seal=report.seal,
+    )

@@ -3,62 +3,19 @@
 from __future__ import annotations
 
 import hashlib
-import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any, Literal
 
-from pivometer._version import SOFTWARE
-from pivometer.errors import PivometerError, UsageError
-from pivometer.io.result import (
-    RESULT_SCHEMA,
-    SEAL,
-    measurement_in,
-    result_content,
-    seal_of,
-    text_of,
-)
+from pivometer.errors import PivometerError
+from pivometer.io.result import result_content
 from pivometer.io.session import load
 from pivometer.measurement import Measurement, Options, Provenance
 from pivometer.pipeline.differences import differences
+from pivometer.pipeline.examining import Examined, Opened, named, opened_file, seal_examined
 from pivometer.pipeline.measuring import measure
 from pivometer.pipeline.provenance import SETTINGS
 from pivometer.pipeline.reading import Progress
-from pivometer.pipeline.reporting import Report, page_of, record_in
-from pivometer.pipeline.tampering import page_changes
-from pivometer.report.embedding import (
-    RECORD,
-    RESULT,
-    blocks_of_page,
-    pictures_of_page,
-    unpacked,
-)
-
-Status = Literal["holds", "changed", "not checked"]
-
-NAMED = 8
-"""So many changed files or figures are named; of more, the number is given."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Examined:
-    """One thing that was verified.
-
-    Parameters
-    ----------
-    name
-        What.
-    status
-        ``"holds"``, ``"changed"``, or ``"not checked"`` where that was not possible.
-    text
-        What was found.
-    """
-
-    name: str
-    status: Status
-    text: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,15 +53,6 @@ class Verification:
         return "Verified: everything is as it was when the report was made."
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Opened:
-    """A file with the result in it, and what its own bytes say."""
-
-    content: dict[str, Any]
-    measurement: Measurement
-    examined: tuple[Examined, ...]
-
-
 def verify(
     file: Path | str,
     session: Path | str | None = None,
@@ -117,7 +65,7 @@ def verify(
     Parameters
     ----------
     file
-        A ``result.json`` or a ``report.html`` that Pivometer wrote.
+        A ``result.json``, ``report.html`` or ``report.pdf`` that Pivometer wrote.
     session
         The session folder; the one the file lies in, or in whose ``results`` it lies, where none
         is given.
@@ -132,10 +80,10 @@ def verify(
         If the file cannot be read or is none of Pivometer's, or `session` is no session.
     """
     path = Path(file)
-    opened = _opened(path)
+    opened = opened_file(path)
     if isinstance(opened, Examined):
         return Verification(path, (opened,))
-    found = [*opened.examined, *_seal(opened)]
+    found = [*opened.examined, seal_examined(opened.content)]
     if not file_only:
         folder = _session_of(path) if session is None else Path(session)
         found += _against_session(opened, folder, progress)
@@ -148,104 +96,11 @@ def _session_of(path: Path) -> Path | None:
     return next((folder for folder in near if (folder / SETTINGS).is_file()), None)
 
 
-# --- The file itself ---
-
-
-def _opened(path: Path) -> _Opened | Examined:
-    """Read a file, by what it holds."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise UsageError(
-            f"cannot be read: {error.strerror}", next_step="check the path", path=path
-        ) from error
-    reader = next((reader for mark, reader in _READERS.items() if mark in data), None)
-    if reader is None:
-        raise UsageError(
-            "holds no result of Pivometer",
-            next_step="name a result.json or a report.html",
-            path=path,
-        )
-    try:
-        return reader(data)
-    except (UsageError, ValueError, RecursionError) as error:
-        what = error.what if isinstance(error, PivometerError) else str(error)
-        return Examined("the file", "changed", f"it is damaged and states no result: {what}")
-
-
-def _opened_json(data: bytes) -> _Opened:
-    content = json.loads(data)
-    measurement = measurement_in(content, RESULT)
-    return _Opened(content, measurement, (_bytes("the bytes", text_of(content).encode(), data),))
-
-
-def _opened_page(data: bytes) -> _Opened:
-    page = data.decode()
-    blocks = blocks_of_page(page)
-    result, record = (unpacked(blocks.get(name, "")) for name in (RESULT, RECORD))
-    if result is None or record is None:
-        raise UsageError("what it carries cannot be unpacked", next_step="take the report anew")
-    report = Report(result, record, pictures_of_page(page))
-    content = json.loads(result)
-    examined = (
-        _bytes("the carried result", text_of(content).encode(), result.encode()),
-        _pictures(report),
-        _drawn(content, partial(_redrawn, page, report, blocks)),
-    )
-    return _Opened(content, measurement_in(content, RESULT), examined)
-
-
-_READERS: Mapping[bytes, Callable[[bytes], _Opened]] = {
-    b"<!DOCTYPE html>": _opened_page,
-    RESULT_SCHEMA.rpartition("/")[0].encode(): _opened_json,
-}
-
-
-def _bytes(name: str, expected: bytes, found: bytes) -> Examined:
-    if expected == found:
-        return Examined(name, "holds", "as Pivometer writes them")
-    return Examined(name, "changed", "the text is not as Pivometer writes this content")
-
-
-def _pictures(report: Report) -> Examined:
-    recorded = record_in(report.record).pictures
-    missing = [name for name, one in recorded.items() if one.sha256 not in report.pictures]
-    if missing:
-        return Examined("the pictures", "changed", f"not those recorded: {_named(missing)}")
-    return Examined("the pictures", "holds", f"{len(recorded)} as recorded")
-
-
-def _drawn(content: Mapping[str, Any], redraw: Callable[[], list[str]]) -> Examined:
-    """Compare the page with one drawn anew, if this is the version that drew it."""
-    name, stated = "the displayed figures", str(content.get("software"))
-    if stated != SOFTWARE:
-        text = f"drawn by {stated}, and this is {SOFTWARE}: install that version to compare them"
-        return Examined(name, "not checked", text)
-    changes = redraw()
-    if changes:
-        return Examined(name, "changed", "; ".join(changes))
-    return Examined(name, "holds", "the page drawn anew from what it carries is the same")
-
-
-def _redrawn(page: str, report: Report, blocks: Mapping[str, str]) -> list[str]:
-    return page_changes(page, page_of(report, blocks), limit=NAMED)
-
-
-def _seal(opened: _Opened) -> Iterator[Examined]:
-    name, stated = "the result’s own SHA-256", opened.content.get(SEAL)
-    if stated is None:
-        yield Examined(name, "not checked", "this file is of a version that stated none")
-    elif stated == seal_of(opened.content):
-        yield Examined(name, "holds", str(stated))
-    else:
-        yield Examined(name, "changed", f"states {stated}, is {seal_of(opened.content)}")
-
-
 # --- Its inputs ---
 
 
 def _against_session(
-    opened: _Opened, folder: Path | None, progress: Progress | None
+    opened: Opened, folder: Path | None, progress: Progress | None
 ) -> Iterator[Examined]:
     if folder is None:
         text = "the file lies in no session: name the session's folder, too"
@@ -265,7 +120,7 @@ def _inputs(stated: Mapping[str, str], folder: Path) -> Examined:
         if found != digest:
             changed.append(name if found else f"{name} (missing)")
     if changed:
-        return Examined("the inputs", "changed", _named(changed))
+        return Examined("the inputs", "changed", named(changed))
     if SETTINGS not in stated:
         text = f"{len(stated)} files are unchanged, but {SETTINGS} was not recorded then"
         return Examined("the inputs", "not checked", text)
@@ -289,9 +144,7 @@ def _digest(path: Path) -> str | None:
 # --- Its figures ---
 
 
-def _figures(
-    opened: _Opened, folder: Path, inputs: Examined, progress: Progress | None
-) -> Examined:
+def _figures(opened: Opened, folder: Path, inputs: Examined, progress: Progress | None) -> Examined:
     """Measure again and compare."""
     name, provenance = "the figures", opened.measurement.provenance
     if inputs.status == "changed":
@@ -302,10 +155,14 @@ def _figures(
         again = _measured_again(opened.measurement, provenance.options, folder, progress)
     except PivometerError as error:
         return Examined(name, "changed", f"measured again, the session is refused: {error.what}")
+    unknown = again.inputs.keys() - opened.measurement.inputs.keys() - {SETTINGS}
+    if unknown:
+        text = f"the session has files that were not there then: {named(sorted(unknown))}"
+        return Examined(name, "changed", text)
     found = differences(opened.content, result_content(again))
     if found.beyond:
         other = _other_versions(provenance, again)
-        return Examined(name, "changed", f"{_named(found.beyond)}{other}")
+        return Examined(name, "changed", f"{named(found.beyond)}{other}")
     how = "to the last bit"
     if not found.identical:
         how = f"within {found.largest:.0e} of their size; rounding may make {found.TOLERANCE:g}"
@@ -335,8 +192,3 @@ def _measured_again(
         centerline=options.centerline,  # type: ignore[arg-type]
         progress=progress,
     )
-
-
-def _named(names: list[str]) -> str:
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return ", ".join(names[:NAMED]) + more

@@ -18,8 +18,9 @@ from pivometer.io.target import Paper, target_sheet
 from pivometer.measurement import Measurement
 from pivometer.pipeline.provenance import provenance_now
 from pivometer.pipeline.reading import Progress, ReadImage, streamed
-from pivometer.pipeline.reporting import page_of, report_of
-from pivometer.report.embedding import SimulatedTruth, record_of
+from pivometer.pipeline.reporting import page_of, pdf_of, report_of
+from pivometer.report.embedding import RESULT, SimulatedTruth, record_of
+from pivometer.report.pdf import pdf_extra_is_there
 from pivometer.report.thumbnails import Thumbnail, make_thumbnail
 from pivometer.shaft.across import EdgeProfiles, profiles_across
 from pivometer.shaft.background import sampled
@@ -63,7 +64,8 @@ def write_measurement(
     Returns
     -------
     dict
-        Paths of ``result.json``, ``centerlines.csv``, ``rig.json`` and ``report.html`` by name.
+        Paths of ``result.json``, ``centerlines.csv``, ``rig.json``, ``report.html`` and, where the
+        extra ``pdf`` is installed, ``report.pdf``, by name.
     """
     provenance = measurement.provenance or provenance_now(command=command)
     measurement = replace(measurement, provenance=replace(provenance, command=command))
@@ -72,10 +74,11 @@ def write_measurement(
     return write_files(
         folder,
         {
-            "result.json": report.result,
+            "result.json": report.texts[RESULT],
             "centerlines.csv": centerlines_csv(measurement),
             "rig.json": rig_text(measurement.calibration, software=SOFTWARE),
             "report.html": page_of(report),
+            **({"report.pdf": pdf_of(report)} if pdf_extra_is_there() else {}),
         },
     )
 

@@ -1,5 +1,7 @@
 """Where in each camera's image board corners were found, and how they miss."""
 
+from functools import lru_cache
+
 import numpy as np
 from markupsafe import Markup
 
@@ -12,9 +14,13 @@ LONGEST_PX = 0.03
 """Length of an arrow of nineteen in twenty corners at most, part of the image's width."""
 
 
-def coverage_pictures(calibration: Calibration) -> list[tuple[Markup, str]]:
-    """Draw for each camera all corners with their residuals, and say how much larger they are."""
-    return [_coverage(calibration, camera.name) for camera in calibration.rig.cameras]
+@lru_cache(maxsize=1)
+def coverage_pictures(calibration: Calibration) -> tuple[tuple[Markup, str], ...]:
+    """Draw for each camera all corners with their residuals, and say how much larger they are.
+
+    The page and the PDF of one report draw the same.
+    """
+    return tuple(_coverage(calibration, camera.name) for camera in calibration.rig.cameras)
 
 
 def _coverage(calibration: Calibration, name: str) -> tuple[Markup, str]:

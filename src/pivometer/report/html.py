@@ -2,7 +2,7 @@
 
 import base64
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 
@@ -11,16 +11,16 @@ from markupsafe import Markup
 from pivometer.calibration.advice import advice
 from pivometer.calibration.result import Calibration
 from pivometer.measurement import Measurement, RejectedPose, UsedPose
-from pivometer.report import setup_tables, tables
+from pivometer.report import captions, setup_tables, tables
 from pivometer.report.chart import pose_chart
 from pivometer.report.coverage import coverage_pictures
-from pivometer.report.digits import error_decimals, fixed
 from pivometer.report.edge_plots import edge_plot, profile_plot
 from pivometer.report.embedding import Carried, SimulatedTruth
 from pivometer.report.overlays import PosePicture, pose_pictures
 from pivometer.report.points import all_points_table
 from pivometer.report.scene import scene, scene_picture
 from pivometer.report.shaft_tables import shaft_table
+from pivometer.report.signatures import SEALED, roles
 from pivometer.report.structure_figures import direction_map, order_chart
 from pivometer.report.structure_tables import (
     component_table,
@@ -30,7 +30,7 @@ from pivometer.report.structure_tables import (
 from pivometer.report.tables import Table
 from pivometer.report.target import deciding_poses, mean_shaft_view, target_plot
 from pivometer.report.thumbnails import Thumbnail
-from pivometer.report.verdict import verdict
+from pivometer.report.verdict import DECISION_RULE, verdict
 from pivometer.shaft.across import EdgeProfiles
 
 
@@ -94,7 +94,7 @@ def render_html(
     script = _asset("viewer.js")
     return environment.get_template("report.html.j2").render(
         m=measurement,
-        provenance=measurement.provenance,
+        made=setup_tables.provenance_table(measurement, carried.seal if carried else "not stated"),
         created=setup_tables.moment_text(measurement),
         carried=carried,
         style=_asset("report.css"),
@@ -102,8 +102,12 @@ def render_html(
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
         **_figures(measurement),
         **_tables(measurement),
+        captions=captions,
+        decision_rule=DECISION_RULE,
+        sealed=SEALED,
+        roles=roles(measurement),
         structure=_structure(measurement),
-        truth=None if simulated_truth is None else _truth_table(measurement, simulated_truth),
+        truth=None if simulated_truth is None else tables.truth_table(measurement, simulated_truth),
         cards=[
             _card(pose, measurement, thumbnails, profiles or {}, n)
             for n, pose in _numbered(measurement)
@@ -211,25 +215,3 @@ def _plots(
     across = [profile_plot(profiles[pose.pose, camera], camera) for camera in cameras]
     along = [plot for one in pose.edges if (plot := edge_plot(one)) is not None]
     return (*across, *along)
-
-
-def _truth_table(measurement: Measurement, truth: SimulatedTruth) -> Table:
-    """Tabulate the answer beside the simulated truth."""
-    rcm = measurement.rcm
-    decimals = error_decimals([truth.rms_mm, rcm.least_squares.rms_mm])
-    pairs: Sequence[tuple[str, float, float]] = (
-        *(
-            (f"{axis}, mm", float(rcm.least_squares.point_mm[i]), float(truth.point_mm[i]))
-            for i, axis in enumerate("xyz")
-        ),
-        ("largest miss (max), mm", rcm.minimax.max_mm, truth.max_mm),
-        ("rms miss, mm", rcm.least_squares.rms_mm, truth.rms_mm),
-    )
-    return Table(
-        "Simulated session: the answer beside the truth",
-        ("quantity", "measured", "truth", "difference"),
-        tuple(
-            (name, fixed(ours, decimals), fixed(true, decimals), fixed(ours - true, decimals))
-            for name, ours, true in pairs
-        ),
-    )

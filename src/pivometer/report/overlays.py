@@ -61,7 +61,7 @@ def pose_pictures(
             camera,
             edges.get(camera.name),
             thumbnails[pose.pose, camera.name],
-            _lines(pose, rig, camera, edges.get(camera.name), measurement),
+            photo_overlay(pose, camera, measurement),
         )
         for camera in rig.cameras
         if (pose.pose, camera.name) in thumbnails
@@ -73,20 +73,12 @@ def _picture(
     camera: Camera,
     edges: ShaftEdges | None,
     thumbnail: Thumbnail,
-    lines: list[Markup],
+    overlay: Markup,
 ) -> PosePicture:
     encoded = base64.b64encode(thumbnail.jpeg).decode("ascii")
     content = "no edges were found" if edges is None else "the shaft with its two fitted edges"
     if isinstance(pose, UsedPose):
         content += ", its centerline (dashed) and the RCM (cross)"
-    # Integer pixel coordinates are pixel centres, so the picture begins half a pixel earlier.
-    overlay = tag(
-        "svg",
-        *lines,
-        viewBox=f"-0.5 -0.5 {camera.width} {camera.height}",
-        preserveAspectRatio="none",
-        aria_hidden="true",
-    )
     return PosePicture(
         camera.name,
         f"data:image/jpeg;base64,{encoded}",
@@ -94,6 +86,22 @@ def _picture(
         thumbnail.height,
         overlay,
         f"Pose {pose.pose}, camera {camera.name}: {content}",
+    )
+
+
+def photo_overlay(
+    pose: UsedPose | RejectedPose, camera: Camera, measurement: Measurement
+) -> Markup:
+    """Draw what was found in a camera's picture of a pose, in raw pixels, to lie over it."""
+    rig = measurement.calibration.rig
+    edges = next((found for found in pose.edges if found.camera == camera.name), None)
+    # Integer pixel coordinates are pixel centres, so the picture begins half a pixel earlier.
+    return tag(
+        "svg",
+        *_lines(pose, rig, camera, edges, measurement),
+        viewBox=f"-0.5 -0.5 {camera.width} {camera.height}",
+        preserveAspectRatio="none",
+        aria_hidden="true",
     )
 
 

@@ -9,7 +9,7 @@ from pivometer._arrays import Floats
 from pivometer.calibration.board import Board
 from pivometer.calibration.result import Calibration
 from pivometer.cameras.rig import Rig
-from pivometer.measurement import ImportedRig, Measurement
+from pivometer.measurement import ImportedRig, Measurement, Options
 from pivometer.report.digits import error_decimals, fixed, with_uncertainty
 from pivometer.report.tables import Table
 
@@ -176,6 +176,28 @@ def setup_table(measurement: Measurement) -> Table:
         *_entries("operator", setup.operator),
     ]
     return Table("Set-up as the session states it", ("what", "value"), tuple(rows))
+
+
+def provenance_table(measurement: Measurement, seal: str) -> Table:
+    """Tabulate how and when a measurement was made, with the SHA-256 of its result."""
+    rows = [("SHA-256 of the result", seal)]
+    provenance = measurement.provenance
+    if provenance is not None:
+        rows = [
+            ("made", moment_text(measurement)),
+            ("command", provenance.command),
+            *_options(provenance.options),
+            *provenance.versions.items(),
+            *rows,
+        ]
+    return Table("How the result was made", ("what", "value"), tuple(rows))
+
+
+def _options(options: Options | None) -> list[tuple[str, str]]:
+    if options is None:
+        return []
+    source = "from elsewhere" if options.rig_given else f"{options.method}, {options.distortion}"
+    return [("calibration", source), ("centerline", options.centerline)]
 
 
 def moment_text(measurement: Measurement) -> str:

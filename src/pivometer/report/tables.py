@@ -1,6 +1,6 @@
 """The tables of a report, as plain text: number formats are decided here and nowhere else."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from pivometer.calibration.result import Calibration
 from pivometer.measurement import Measurement, RejectedPose, UsedPose
 from pivometer.report.digits import decimals_of, error_decimals, fixed, small, uncertainty_text
+from pivometer.report.embedding import SimulatedTruth
 from pivometer.report.target import deciding_poses
 from pivometer.uncertainty.propagation import LocationUncertainty
 
@@ -311,6 +312,28 @@ def edge_table(pose: UsedPose | RejectedPose) -> Table:
 def input_table(inputs: Mapping[str, str]) -> Table:
     """Tabulate the SHA-256 of every input."""
     return Table("SHA-256 of every file used", ("file", "SHA-256"), tuple(sorted(inputs.items())))
+
+
+def truth_table(measurement: Measurement, truth: SimulatedTruth) -> Table:
+    """Tabulate the answer beside the simulated truth."""
+    rcm = measurement.rcm
+    decimals = error_decimals([truth.rms_mm, rcm.least_squares.rms_mm])
+    pairs: Sequence[tuple[str, float, float]] = (
+        *(
+            (f"{axis}, mm", float(rcm.least_squares.point_mm[i]), float(truth.point_mm[i]))
+            for i, axis in enumerate("xyz")
+        ),
+        ("largest miss (max), mm", rcm.minimax.max_mm, truth.max_mm),
+        ("rms miss, mm", rcm.least_squares.rms_mm, truth.rms_mm),
+    )
+    return Table(
+        "Simulated session: the answer beside the truth",
+        ("quantity", "measured", "truth", "difference"),
+        tuple(
+            (name, fixed(ours, decimals), fixed(true, decimals), fixed(ours - true, decimals))
+            for name, ours, true in pairs
+        ),
+    )
 
 
 def _freedom(degrees: float) -> str:

@@ -7,6 +7,13 @@ from pivometer.measurement import Measurement
 from pivometer.report.digits import error_decimals, fixed, with_uncertainty
 from pivometer.uncertainty.propagation import LinesUncertainty, LocationUncertainty
 
+DECISION_RULE = (
+    "Decision rule: no limit is stated, so nothing is passed or failed here. Against a limit "
+    "(pivometer check --limit), the 95 % interval of the robot’s own largest miss decides: pass if "
+    "its upper end keeps the limit, over if its lower end exceeds it, inconclusive otherwise "
+    "(JCGM 106, guarded acceptance)."
+)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verdict:
