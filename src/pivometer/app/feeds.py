@@ -136,7 +136,7 @@ def _draw(picture: NDArray[np.uint8], mark: Mark, scale: float) -> None:
     places = points.round().astype(np.int32)
     if mark.kind == "dots":
         for x, y in places.tolist():
-            cv2.circle(picture, (x, y), 3 << _SHIFT, mark.colour, 1, cv2.LINE_AA, _SHIFT)
+            cv2.circle(picture, (x, y), 4 << _SHIFT, mark.colour, 2, cv2.LINE_AA, _SHIFT)
         return
     pieces = [places] if mark.kind == "line" else list(_dashes(points))
     cv2.polylines(picture, pieces, False, mark.colour, 2, cv2.LINE_AA, _SHIFT)

@@ -8,8 +8,9 @@
         if (document.hidden) { await pause(200); continue; }
         const camera = encodeURIComponent(image.dataset.live);
         const answer = await fetch(`/live/${camera}.jpg?after=${after}`, { cache: "no-store" });
-        image.classList.toggle("lost", answer.status === 410);
-        if (answer.status !== 200) { await pause(answer.status === 204 ? 20 : 500); continue; }
+        const lost = answer.headers.has("X-Lost");
+        image.classList.toggle("lost", lost);
+        if (answer.status !== 200) { await pause(lost ? 500 : 20); continue; }
         after = answer.headers.get("X-Frame");
         const next = URL.createObjectURL(await answer.blob());
         image.src = next;

@@ -12,12 +12,16 @@ from pathlib import Path
 from fastapi import Response
 from nicegui import app, ui
 
+from pivometer import pipeline
 from pivometer.app import HOST
+from pivometer.app.calibrate_page import calibrate_page
 from pivometer.app.guard import Guard, new_token
 from pivometer.app.opening import open_browser
+from pivometer.app.poses_page import poses_page
 from pivometer.app.setup_page import setup_page
 from pivometer.app.watcher import Watcher
 from pivometer.app.work import Work
+from pivometer.errors import PivometerError
 
 _WAIT_S = 2.0
 _POLL_S = 0.004
@@ -82,20 +86,38 @@ def _add_pages(work: Work, watcher: Watcher) -> None:
     def setup() -> None:
         setup_page(work, watcher)
 
+    @ui.page("/calibrate")
+    def calibrate() -> None:
+        calibrate_page(work, watcher)
+
+    @ui.page("/poses")
+    async def poses() -> None:
+        await poses_page(work, watcher)
+
+    @app.get("/pictures/{camera}/{view:path}")
+    async def pictures(camera: str, view: str) -> Response:
+        if work.session is None:
+            return Response(status_code=404)
+        try:
+            jpeg = await asyncio.to_thread(pipeline.picture, work.session, view, camera)
+        except PivometerError as error:
+            return Response(str(error.what), status_code=404)
+        return Response(jpeg, media_type="image/jpeg", headers=_FRESH)
+
     @app.get("/live/{camera}.jpg")
     async def live(camera: str, after: int = -1) -> Response:
         return await _next_preview(work, camera, after)
 
 
 async def _next_preview(work: Work, camera: str, after: int) -> Response:
-    """Wait for a camera's next frame and answer with it; 204 where none comes, 410 if it is lost.
+    """Wait for a camera's next frame and answer with it; 204 where none comes or it is lost.
 
     The browser asks for the next one when it has shown the last, so a slow one skips frames.
     """
     for _ in range(round(_WAIT_S / _POLL_S)):
         feed = work.feeds.get(camera)
         if feed is None or feed.fault is not None:
-            return Response("the camera is not there", status_code=410, headers=_FRESH)
+            return Response(status_code=204, headers={**_FRESH, "X-Lost": "yes"})
         frames = feed.frames
         if frames and frames[-1].number != after:
             number, jpeg = await asyncio.to_thread(feed.jpeg)

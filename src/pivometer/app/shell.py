@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.resources import files
 from typing import Any
 
+from markupsafe import Markup
 from nicegui import ui
 
 from pivometer.app.work import Work
@@ -82,6 +84,11 @@ def tag(name: str, content: str = "") -> Tag:
 def text(content: str) -> Tag:
     """Return a span."""
     return Tag("span", content)
+
+
+def drawing(svg: Markup) -> None:
+    """Show one of the report's drawings, all of whose texts are escaped."""
+    ui.html(str(svg), sanitize=False)
 
 
 def button(label: str, act: Handler, *, key: str = "", main: bool = False) -> ui.element:
@@ -197,14 +204,14 @@ class Field:
                 self.element = select(options, value)
             else:
                 self.element = ui.element("input").props(f'type="{kind}"')
-                self.element.props["value"] = value
+                # As an attribute: as a property, every update of the page would undo the typing.
+                self.element.props["^value"] = value
                 self.element.props["step"] = "any"
                 self._suggest(suggestions)
         self.element.on("change", self._changed, js_handler="(e) => emit(e.target.value)")
 
     def _changed(self, event: Any) -> None:
         self.value = str(event.args)
-        self.element.props["value"] = self.value  # or the next update would bring the old one back
 
     def _suggest(self, suggestions: tuple[str, ...]) -> None:
         if not suggestions:
@@ -218,5 +225,5 @@ class Field:
     def show(self, value: str) -> None:
         """Show another value."""
         self.value = value
-        self.element.props["value"] = value
-        self.element.update()
+        place = json.dumps(self.element.html_id)
+        ui.run_javascript(f"document.getElementById({place}).value = {json.dumps(value)}")

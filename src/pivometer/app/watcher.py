@@ -57,6 +57,11 @@ class Watcher(threading.Thread):
         for feed in self._work.feeds.values():
             feed.marks = ()
 
+    def drop_task(self, task: Task) -> None:
+        """Do nothing more with the moments, if this is still what is done."""
+        if self._task is task:
+            self.set_task(None)
+
     def captured(self) -> None:
         """Remember that the moment just seen was taken: the scene must change before the next."""
         self._captured = dict(self._last)

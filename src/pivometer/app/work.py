@@ -8,9 +8,11 @@ from pathlib import Path
 
 from pivometer import pipeline
 from pivometer.app.feeds import Feed, same_moment
+from pivometer.calibration.glimpse import BoardGlimpse
 from pivometer.errors import PivometerError
 from pivometer.io.session import Session
 from pivometer.io.sources import USUAL_RATE_HZ, Frame, open_source
+from pivometer.pipeline.live_shaft import LiveShaft
 
 
 class Work:
@@ -27,6 +29,8 @@ class Work:
         self.session: Session | None = None
         self.fault: str | None = None
         self.feeds: dict[str, Feed] = {}
+        self._shaft: tuple[int, LiveShaft] | None = None
+        self.glimpses: dict[Path, tuple[BoardGlimpse, tuple[int, int]] | None] = {}
         self.reload()
 
     def reload(self) -> None:
@@ -36,6 +40,16 @@ class Work:
         except PivometerError as error:
             self.session = None
             self.fault = str(error) if (self.folder / "session.toml").exists() else None
+
+    def shaft(self) -> LiveShaft | None:
+        """Return what is known of the shaft; `None` without a calibration that holds."""
+        made = None if self.session is None else pipeline.standing_calibration(self.session)
+        if made is None:
+            return None
+        written = (self.folder / "results" / "rig.json").stat().st_mtime_ns
+        if self._shaft is None or self._shaft[0] != written:
+            self._shaft = written, LiveShaft(made)
+        return self._shaft[1]
 
     def done(self, step: str) -> str:
         """Return a short note on how far one step is; empty where it has not begun."""

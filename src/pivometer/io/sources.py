@@ -21,6 +21,8 @@ from pivometer.io.images import EXTENSIONS, Image, read_image
 from pivometer.io.session import natural_order
 
 USUAL_RATE_HZ = 15.0
+LEAST_RATE_HZ = 15.0
+"""Of the frames of an image folder; its pictures may change more slowly."""
 _STEP = (
     "name a capture device (device 0), a folder of images, or a video: "
     f"{', '.join(sorted(video.EXTENSIONS))}"
@@ -70,7 +72,7 @@ def open_source(text: str, *, rate_hz: float = USUAL_RATE_HZ, start_s: float = 0
     text
         ``"device 0"``, a folder of images, or a video file.
     rate_hz
-        Frames per second at which folders and videos are played.
+        Pictures per second at which folders and videos are played.
     start_s
         When playing starts, on the clock of `time.monotonic`: the same for all cameras of a rig.
 
@@ -128,7 +130,11 @@ class _Ticks:
 
 
 class PlayedImages:
-    """A folder of images, played at a rate over and over, in the order of their names."""
+    """A folder of images, played at a rate over and over, in the order of their names.
+
+    Like a camera before a scene that changes at that rate, it gives at least `LEAST_RATE_HZ` frames
+    a second: a slower picture is given several times.
+    """
 
     def __init__(self, folder: Path, rate_hz: float, start_s: float) -> None:
         names = (p for p in folder.iterdir() if p.suffix.lower() in EXTENSIONS)
@@ -137,13 +143,14 @@ class PlayedImages:
         )
         if not self._files:
             raise UsageError("holds no images", next_step=_STEP, path=folder)
-        self._ticks = _Ticks(rate_hz, start_s)
+        self._times = max(1, round(LEAST_RATE_HZ / rate_hz))
+        self._ticks = _Ticks(rate_hz * self._times, start_s)
         self._last: tuple[Path, Image] | None = None
 
     def read(self) -> Frame:
         """Wait for the next image's turn and read it."""
         tick, due = self._ticks.wait()
-        path = self._files[tick % len(self._files)]
+        path = self._files[tick // self._times % len(self._files)]
         if self._last is None or self._last[0] != path:
             self._last = path, read_image(path)
         return Frame(self._last[1], due, tick)

@@ -3,10 +3,13 @@
 from pivometer.io.session import load
 from pivometer.pipeline.calibrating import calibrate
 from pivometer.pipeline.capturing import (
+    Group,
     add_picture,
     capture,
     describe,
     exclude,
+    file_of,
+    picture,
     save_sources,
     saved_sources,
 )
@@ -46,6 +49,7 @@ __all__ = [
     "Condition",
     "DemoOutcome",
     "Examined",
+    "Group",
     "Plan",
     "SolvedLines",
     "SolvedPoses",
@@ -59,9 +63,11 @@ __all__ = [
     "describe",
     "device_thumbnails",
     "exclude",
+    "file_of",
     "foreseen_calibration",
     "load",
     "measure",
+    "picture",
     "plan",
     "save_sources",
     "saved_sources",

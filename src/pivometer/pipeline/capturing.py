@@ -6,7 +6,7 @@ The folder is the only truth. Every picture is whole on the disk before anything
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import Literal, get_args
@@ -17,9 +17,11 @@ from pivometer.errors import ImageError, SessionError, UsageError
 from pivometer.io import exclusions
 from pivometer.io.atomic import write_file
 from pivometer.io.images import EXTENSIONS, Image, decode_image
-from pivometer.io.session import Session, load
+from pivometer.io.session import ImageFile, Session, load
 from pivometer.io.settings import Settings, read_settings
 from pivometer.io.settings_text import settings_text
+from pivometer.pipeline.reading import read
+from pivometer.report.thumbnails import make_thumbnail
 
 Group = Literal["board", "intrinsics", "shaft", "background", "reference", "closing"]
 MOST_PICTURE_BYTES = 64_000_000
@@ -180,7 +182,7 @@ def exclude(session: Session, view: str, reason: str | None) -> Session:
     UsageError
         If there is no such view, or the reason is empty.
     """
-    if view not in _views(session):
+    if all(file.view != view for file in _files(session)):
         raise UsageError(
             f"this session has no view {view!r}", next_step="name one such as shaft/012"
         )
@@ -188,12 +190,41 @@ def exclude(session: Session, view: str, reason: str | None) -> Session:
     return load(session.folder)
 
 
-def _views(session: Session) -> set[str]:
-    groups = (
+def _files(session: Session) -> Iterator[ImageFile]:
+    for views in (
         *(session.board_views, session.intrinsics, session.shaft),
         *(session.background, session.reference_views, session.closing),
-    )
-    return {file.view for views in groups for files in views.values() for file in files.values()}
+    ):
+        for files in views.values():
+            yield from files.values()
+
+
+def file_of(session: Session, view: str, camera: str) -> ImageFile | None:
+    """Return the picture a camera took of a view; `None` where there is none.
+
+    The session's list is looked up, so that no view can lead to a file outside of it.
+    """
+    found = (file for file in _files(session) if (file.view, file.camera) == (view, camera))
+    return next(found, None)
+
+
+def picture(session: Session, view: str, camera: str) -> bytes:
+    """Return a small JPEG of the picture a camera took of a view.
+
+    Raises
+    ------
+    UsageError
+        If there is none.
+    ImageError
+        If it cannot be read.
+    """
+    file = file_of(session, view, camera)
+    if file is None:
+        raise UsageError(f"no picture of {view} by {camera}", next_step="name one of the session")
+    outcome = read(file).outcome
+    if isinstance(outcome, ImageError):
+        raise outcome
+    return make_thumbnail(outcome.image).jpeg
 
 
 def save_sources(folder: Path, sources: Mapping[str, str], *, rate_hz: float) -> None:

@@ -1,0 +1,184 @@
+"""Step 3: poses of the robot, with the RCM of those taken so far."""
+
+from __future__ import annotations
+
+import asyncio
+
+from nicegui import ui
+
+from pivometer import pipeline
+from pivometer.app.shaft_task import ShaftTask
+from pivometer.app.shell import (
+    Tell,
+    button,
+    drawing,
+    keys,
+    live_view,
+    page_frame,
+    tag,
+    text,
+)
+from pivometer.app.watcher import Watcher
+from pivometer.app.work import Work
+from pivometer.errors import PivometerError
+from pivometer.measurement import Measurement
+from pivometer.pipeline.live_shaft import LiveShaft
+from pivometer.rcm.cone import cone_deg
+from pivometer.rcm.pose_advice import WANTED_CONE_DEG, advice_text
+from pivometer.report.digits import with_uncertainty
+from pivometer.report.pose_map import pose_map, shrinking_chart
+
+_LEAD = (
+    "Move the tool about the RCM through a wide cone and let it rest: a pose that is unlike those "
+    "before takes itself. 20 to 70 poses; the more directions, the better."
+)
+ENOUGH_POSES = 20
+
+
+async def poses_page(work: Work, watcher: Watcher) -> None:
+    """Draw the page."""
+    with page_frame(work, "/poses", _LEAD):
+        session = work.session
+        if session is None:
+            tag("p", "Describe the session in step 1 first.")
+            return
+        shaft = await asyncio.to_thread(work.shaft)
+        if shaft is None:
+            watcher.set_task(None)
+            tag("p", "Calibrate the cameras in step 2 first: the pictures have changed since.")
+            return
+        _PosesPage(work, watcher, shaft)
+
+
+class _PosesPage:
+    def __init__(self, work: Work, watcher: Watcher, shaft: LiveShaft) -> None:
+        self._work, self._watcher = work, watcher
+        self._task = ShaftTask(work, watcher, shaft)
+        self._version = -1
+        self._advice = Tell()
+        with ui.element("div").classes("side"):
+            with ui.element("section").classes("card"):
+                self._cameras()
+            with ui.element("section").classes("card"):
+                tag("h2", "Directions")
+                self._map = ui.element("div")
+                self._cone = tag("p")
+        self._told = Tell()
+        with ui.element("section").classes("card"):
+            tag("h2", "The RCM of the poses so far")
+            self._numbers = ui.element("div").classes("two")
+        keys({"C": self._capture, "U": self._undo, "A": self._toggle})
+        client = ui.context.client
+        client.on_connect(lambda: watcher.set_task(self._task))
+        client.on_disconnect(lambda: watcher.drop_task(self._task))
+        ui.timer(0.3, self._refresh)
+
+    def _cameras(self) -> None:
+        with ui.element("div").classes("two"):
+            for name in self._work.feeds:
+                live_view(name)
+        if not self._work.feeds:
+            tag("p", "No camera is open: open them in step 1, or use the pictures there are.")
+        self._seen = tag("p", "")
+        self._seen.props('role="status"')
+        button("Take pose", self._capture, key="C", main=True)
+        button("Undo last", self._undo, key="U")
+        self._auto = button("Automatic: on", self._toggle, key="A")
+
+    def _capture(self) -> None:
+        self._task.asked = True
+
+    def _toggle(self) -> None:
+        self._task.automatic = not self._task.automatic
+        on = self._task.automatic
+        self._auto.props(f'aria-pressed="{str(on).lower()}"')
+        self._auto.clear()
+        with self._auto:
+            text(f"Automatic: {'on' if on else 'off'}")
+            tag("kbd", "A")
+
+    async def _undo(self) -> None:
+        """Take the newest pose out again; its pictures stay on the disk."""
+        session = self._work.session
+        out = {} if session is None else session.excluded
+        kept = [s for s in (session.shaft if session else {}) if f"shaft/{s}" not in out]
+        if session is None or not kept:
+            self._told.say("There is no pose to undo.", "warn")
+            return
+        view = f"shaft/{kept[-1]}"
+        try:
+            await asyncio.to_thread(pipeline.exclude, session, view, "undone while taking poses")
+        except PivometerError as error:
+            self._told.say(f"{error.what}. Next: {error.next_step}.", "bad")
+            return
+        self._told.say(f"{view} is taken out; step 4 can take it back.")
+        await asyncio.to_thread(self._task.count)
+
+    async def _refresh(self) -> None:
+        self._seen.set(self._watcher.fault or self._task.told)
+        self._watcher.fault = None
+        if self._version != self._task.version:
+            self._version = self._task.version
+            self._draw_numbers()
+        await self._draw_map()
+
+    async def _draw_map(self) -> None:
+        directions, now = self._task.directions, self._task.now
+        shown = (len(directions), None if now is None else tuple(now.round(2)))
+        if getattr(self, "_shown", None) == shown or not len(directions):
+            return
+        self._shown = shown
+        svg = await asyncio.to_thread(pose_map, directions, now=now)
+        self._map.clear()
+        with self._map:
+            drawing(svg)
+
+    def _draw_numbers(self) -> None:
+        directions = self._task.directions
+        count = len(directions)
+        wide = cone_deg(directions) if count > 1 else 0.0
+        self._cone.set(
+            f"{count} poses count; cone {wide:.0f}° of {WANTED_CONE_DEG:.0f}°. Open circles are "
+            "poses to add, the cross is the shaft now."
+        )
+        camera = self._work.session.reference if self._work.session else None
+        advice = advice_text(directions, camera=camera) if count else ""
+        enough = count >= ENOUGH_POSES and wide >= 0.9 * WANTED_CONE_DEG
+        if enough:
+            self._advice.say("Enough for a result; more poses narrow it.", "good")
+        else:
+            self._advice.say(_sentence(advice) or "Take the first poses in all directions.")
+        self._numbers.clear()
+        with self._numbers:
+            if self._task.measured is None:
+                tag("p", self._task.refused or "Not known yet.")
+            else:
+                _numbers(self._task.measured)
+                if len(self._task.history) > 1:
+                    with ui.element("div"):
+                        tag("h3", "Expanded uncertainty of the location, mm")
+                        counts, expanded = zip(*self._task.history, strict=True)
+                        drawing(shrinking_chart(counts, expanded))
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:] + "." if text else ""
+
+
+def _numbers(measured: Measurement) -> None:
+    rcm, uncertainty = measured.rcm, measured.uncertainty
+    with ui.element("div"):
+        values = zip(rcm.least_squares.point_mm, uncertainty.expanded_mm, strict=True)
+        place = ", ".join(with_uncertainty(float(v), float(u)) for v, u in values)
+        tag("p", f"({place}) mm").classes("number")
+        tag(
+            "p",
+            f"location in the frame of camera {measured.reference_camera}, "
+            f"{100 * uncertainty.coverage:.0f} % intervals, {len(measured.used)} poses",
+        )
+        tag("p", f"{rcm.minimax.max_mm:.3f} mm").classes("number")
+        tag("p", f"largest miss; rms {rcm.least_squares.rms_mm:.3f} mm")
+        own = measured.intrinsic
+        if own is not None:
+            low, high = own.max_interval_mm
+            tag("p", f"of it the robot's own, at most: {low:.3f} to {high:.3f} mm")

@@ -1,0 +1,125 @@
+"""The board views of a session, the worst first, to be looked at, taken out and taken back."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+from nicegui import ui
+
+from pivometer import pipeline
+from pivometer.app.shell import Field, Tell, button, tag
+from pivometer.app.work import Work
+from pivometer.calibration import Calibration
+from pivometer.errors import PivometerError
+from pivometer.io.session import Session
+
+ViewRow = tuple[str, str, str, str, str, bool]
+"""View, cameras, rms and largest error in mm, state, and whether a person took it out."""
+
+Changed = Callable[[], Awaitable[None]]
+
+
+class ViewList:
+    """A table of views with a reason field.
+
+    Parameters
+    ----------
+    work
+        The session in work.
+    changed
+        Called after one was taken out or back.
+    """
+
+    def __init__(self, work: Work, changed: Changed) -> None:
+        self._work, self._changed = work, changed
+        self._shown: object = None
+        with ui.element("section").classes("card"):
+            tag("h2", "Views")
+            self._told = Tell()
+            with ui.element("div").classes("fields"):
+                self._reason = Field("Reason for taking a view out", wide=True)
+            self._pictures = ui.element("div").classes("two")
+            self._box = ui.element("div").classes("scroll").props('tabindex="0" role="region"')
+            self._box.props('aria-label="Views"')
+
+    def draw(self, rows: list[ViewRow]) -> None:
+        """Draw the table anew, if anything changed."""
+        if rows == self._shown:
+            return
+        self._shown = rows
+        self._box.clear()
+        with self._box, ui.element("table"):
+            tag("caption", "The worst view first")
+            with ui.element("thead"), ui.element("tr"):
+                for title in ("View", "Cameras", "rms, mm", "largest, mm", "State", "", ""):
+                    cell = tag("th" if title else "td", title)
+                    if title:
+                        cell.props('scope="col"')
+            with ui.element("tbody"):
+                for row in rows:
+                    self._row(row)
+
+    def _row(self, row: ViewRow) -> None:
+        view, cameras, rms, largest, state, out = row
+        with ui.element("tr"):
+            tag("th", view).props('scope="row"')
+            for content in (cameras, rms, largest, state):
+                tag("td", content)
+            with ui.element("td"):
+                look = button("Look", lambda: self._look(view)).classes("small")
+                look.props(f'aria-label="Look at {view}"')
+            with ui.element("td"):
+                label = "Take back" if out else "Take out"
+                act = button(label, lambda: self._switch(view, out)).classes("small")
+                act.props(f'aria-label="{label}: {view}"')
+
+    def _look(self, view: str) -> None:
+        session = self._work.session
+        self._pictures.clear()
+        if session is None:
+            return
+        with self._pictures:
+            for camera in session.cameras:
+                if pipeline.file_of(session, view, camera) is None:
+                    continue
+                with ui.element("figure").classes("view"):
+                    ui.element("img").props(
+                        f'src="/pictures/{camera}/{view}" alt="View {view}, camera {camera}"'
+                    )
+                    tag("figcaption", f"{view}, camera {camera}")
+
+    async def _switch(self, view: str, out: bool) -> None:
+        session = self._work.session
+        if session is None:
+            return
+        try:
+            reason = None if out else self._reason.value
+            await asyncio.to_thread(pipeline.exclude, session, view, reason)
+        except PivometerError as error:
+            self._told.say(f"{error.what}. Next: {error.next_step}.", "bad")
+            return
+        self._told.say(f"{view} is {'taken back' if out else 'taken out'}.", "good")
+        self._reason.show("")
+        await self._changed()
+
+
+def view_rows(session: Session, made: Calibration | None) -> list[ViewRow]:
+    """Return what the table shows: the views that count, those not used, those taken out."""
+    rows: list[ViewRow] = []
+    if made is not None:
+        for one in pipeline.view_qualities(made):
+            misses = f"{one.rms_mm:.3f}", f"{one.max_mm:.3f}"
+            rows.append((one.view, ", ".join(one.cameras), *misses, "used", False))
+    done = {row[0] for row in rows}
+    files: dict[str, list[str]] = {}
+    for file in session.board_images():
+        files.setdefault(file.view, []).append(file.camera)
+    reasons = {} if made is None else {one.view: one.reason for one in made.rejected}
+    for view, cameras in files.items():
+        if view not in done:
+            out = session.excluded.get(view)
+            state = f"not used: {reasons[view]}" if view in reasons else "taken"
+            state = state if out is None else f"out: {out}"
+            rows.append((view, ", ".join(cameras), "–", "–", state, out is not None))
+    return rows
