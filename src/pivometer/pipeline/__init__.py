@@ -16,7 +16,7 @@ from pivometer.pipeline.capturing import (
 from pivometer.pipeline.checking import CheckOutcome, Condition, check
 from pivometer.pipeline.examining import Examined
 from pivometer.pipeline.junit import write_junit
-from pivometer.pipeline.measuring import measure
+from pivometer.pipeline.measuring import SeenShafts, measure, measure_seen, see_shafts
 from pivometer.pipeline.planning import (
     Plan,
     foreseen_calibration,
@@ -51,6 +51,7 @@ __all__ = [
     "Examined",
     "Group",
     "Plan",
+    "SeenShafts",
     "SolvedLines",
     "SolvedPoses",
     "Verification",
@@ -67,10 +68,12 @@ __all__ = [
     "foreseen_calibration",
     "load",
     "measure",
+    "measure_seen",
     "picture",
     "plan",
     "save_sources",
     "saved_sources",
+    "see_shafts",
     "seen_length_mm",
     "simulate",
     "solve_axis",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -117,28 +117,80 @@ def measure(
     if isinstance(calibration, ImportedRig):
         calibration = replace(calibration, rig=_seen_from(calibration.rig, session.reference))
     _refuse_other_cameras(session, calibration.rig)
-    seen: dict[str, dict[str, ShaftEdges | DataError]] = {}
-    doubts: list[Finding] = []
-    inputs = settings_hashes(session) | ({} if rig else dict(calibration.inputs))
-    found = {**session.hints, **(hints or {})}
-    for camera in calibration.rig.cameras:
-        hint = found.get(camera.name)
-        shafts = camera_shafts(session, camera, hint=hint, progress=progress)
-        seen[camera.name] = shafts.edges
-        if shafts.warning is not None:
-            doubts.append(_doubt(camera.name, shafts.warning))
-        inputs |= shafts.inputs
+    seen = see_shafts(session, calibration.rig, hints=hints, progress=progress)
+    known = {} if rig else dict(calibration.inputs)
     measurement = measure_edges(
         session,
         calibration,
-        seen,
-        inputs,
-        doubts=doubts,
+        seen.edges,
+        settings_hashes(session) | known | dict(seen.inputs),
+        doubts=seen.doubts,
         centerline=centerline,
         progress=progress,
     )
     options = Options(method, distortion, centerline, hints or {}, rig_given=rig is not None)
     return replace(measurement, provenance=provenance_now(options, command="pivometer.measure"))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenShafts:
+    """What all cameras saw of the shaft.
+
+    Parameters
+    ----------
+    edges
+        By camera and pose, the edges, or why there are none.
+    inputs
+        SHA-256 of the files behind them.
+    doubts
+        What makes it uncertain that this is the shaft.
+    """
+
+    edges: Mapping[str, Mapping[str, ShaftEdges | DataError]]
+    inputs: Mapping[str, str]
+    doubts: tuple[Finding, ...]
+
+
+def see_shafts(
+    session: Session,
+    rig: Rig,
+    *,
+    hints: Mapping[str, ShaftHint] | None = None,
+    progress: Progress | None = None,
+) -> SeenShafts:
+    """Find and fit the shaft's edges in all images; options as in `measure`."""
+    edges: dict[str, dict[str, ShaftEdges | DataError]] = {}
+    inputs: dict[str, str] = {}
+    doubts: list[Finding] = []
+    found = {**session.hints, **(hints or {})}
+    for camera in rig.cameras:
+        hint = found.get(camera.name)
+        shafts = camera_shafts(session, camera, hint=hint, progress=progress)
+        edges[camera.name] = shafts.edges
+        if shafts.warning is not None:
+            doubts.append(_doubt(camera.name, shafts.warning))
+        inputs |= shafts.inputs
+    return SeenShafts(edges, inputs, tuple(doubts))
+
+
+def measure_seen(session: Session, calibration: Calibration, seen: SeenShafts) -> Measurement:
+    """Measure as `measure` does without options, from edges that it would find.
+
+    So a pose that is taken out, or back, changes the result at once.
+
+    Parameters
+    ----------
+    session
+        The session as it is now.
+    calibration
+        What `calibrate` makes of it.
+    seen
+        What `see_shafts` saw in it.
+    """
+    inputs = settings_hashes(session) | dict(calibration.inputs) | dict(seen.inputs)
+    measurement = measure_edges(session, calibration, seen.edges, inputs, doubts=seen.doubts)
+    options = Options("joint", "radial2", "paper", {}, rig_given=False)
+    return replace(measurement, provenance=provenance_now(options, command="pivometer app"))
 
 
 def measure_edges(
