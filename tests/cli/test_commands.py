@@ -27,6 +27,7 @@ COMMANDS = (
     "pivot",
     "check",
     "verify",
+    "compare",
     "plan",
     "schema",
 )

@@ -703,3 +703,11 @@ Example:  pivometer app my-session
           write the report.
 """,
 )
+
+app.command(
+    "pivometer.cli.compare:compare",
+    help_prologue="""\
+Example:  pivometer compare before-service after-service
+          says whether the robot has changed by more than chance explains.
+""",
+)

@@ -14,6 +14,7 @@ from pivometer.pipeline.capturing import (
     saved_sources,
 )
 from pivometer.pipeline.checking import CheckOutcome, Condition, check
+from pivometer.pipeline.comparing import compare, results_at, write_comparison
 from pivometer.pipeline.examining import Examined
 from pivometer.pipeline.junit import write_junit
 from pivometer.pipeline.measuring import SeenShafts, measure, measure_seen, see_shafts
@@ -60,6 +61,7 @@ __all__ = [
     "calibrate",
     "capture",
     "check",
+    "compare",
     "demo",
     "describe",
     "device_thumbnails",
@@ -71,6 +73,7 @@ __all__ = [
     "measure_seen",
     "picture",
     "plan",
+    "results_at",
     "save_sources",
     "saved_sources",
     "see_shafts",
@@ -86,6 +89,7 @@ __all__ = [
     "verify",
     "view_qualities",
     "write_calibration",
+    "write_comparison",
     "write_junit",
     "write_measurement",
     "write_pivot",

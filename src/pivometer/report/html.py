@@ -4,7 +4,6 @@ import base64
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.resources import files
 
 from markupsafe import Markup
 
@@ -17,6 +16,7 @@ from pivometer.report.coverage import coverage_pictures
 from pivometer.report.edge_plots import edge_plot, profile_plot
 from pivometer.report.embedding import Carried, SimulatedTruth
 from pivometer.report.overlays import PosePicture, pose_pictures
+from pivometer.report.page import asset, render_page
 from pivometer.report.points import all_points_table
 from pivometer.report.scene import scene, scene_picture
 from pivometer.report.shaft_tables import shaft_table
@@ -82,22 +82,13 @@ def render_html(
     str
         The page, to be written as UTF-8.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("pivometer.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    script = _asset("viewer.js")
-    return environment.get_template("report.html.j2").render(
+    script = asset("viewer.js")
+    return render_page(
+        "report.html.j2",
         m=measurement,
         made=setup_tables.provenance_table(measurement, carried.seal if carried else "not stated"),
         created=setup_tables.moment_text(measurement),
         carried=carried,
-        style=_asset("report.css"),
         script=script,
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
         **_figures(measurement),
@@ -113,11 +104,6 @@ def render_html(
             for n, pose in _numbered(measurement)
         ],
     )
-
-
-def _asset(name: str) -> Markup:
-    text = files("pivometer.report").joinpath("templates", name).read_text(encoding="utf-8")
-    return Markup(text)  # noqa: S704 – our own file, no user text in it
 
 
 def _numbered(measurement: Measurement) -> list[tuple[int, UsedPose | RejectedPose]]:
