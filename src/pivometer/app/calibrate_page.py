@@ -49,7 +49,9 @@ class _CalibratePage:
                 self._gauges = ui.element("div")
         self._told = Tell()
         self._result = ui.element("section").classes("card")
-        self._views = ViewList(work, self._changed)
+        self._views = ViewList(
+            work, ("Views", "View", "Cameras", "rms, mm", "largest, mm"), self._changed
+        )
         keys({"C": self._capture, "U": self._undo, "K": self._calibrate})
         self._tend()
         ui.timer(0.25, self._refresh)

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import os
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 
-from fastapi import Response
 from nicegui import app, ui
 
-from pivometer import pipeline
 from pivometer.app import HOST
+from pivometer.app.addresses import add_addresses
 from pivometer.app.calibrate_page import calibrate_page
 from pivometer.app.guard import Guard, new_token
 from pivometer.app.opening import open_browser
 from pivometer.app.poses_page import poses_page
+from pivometer.app.report_page import report_page
+from pivometer.app.result_page import result_page
 from pivometer.app.setup_page import setup_page
 from pivometer.app.watcher import Watcher
 from pivometer.app.work import Work
-from pivometer.errors import PivometerError
-
-_WAIT_S = 2.0
-_POLL_S = 0.004
 
 
 def serve(folder: Path, *, port: int, browser: bool) -> None:
@@ -61,7 +56,10 @@ def serve(folder: Path, *, port: int, browser: bool) -> None:
                 page.unlink()
 
     _add_pages(work, watcher)
+    add_addresses(work)
     app.add_middleware(Guard, token=token, port=port)
+    # Quasar's bar over the page has no name for screen readers, and would never rest here.
+    app.config.quasar_config["loadingBar"]["skipHijack"] = True
     app.on_startup(started)
     app.on_shutdown(stopped)
     os.environ.setdefault("MATPLOTLIB", "false")  # NiceGUI would import it for nothing
@@ -94,37 +92,10 @@ def _add_pages(work: Work, watcher: Watcher) -> None:
     async def poses() -> None:
         await poses_page(work, watcher)
 
-    @app.get("/pictures/{camera}/{view:path}")
-    async def pictures(camera: str, view: str) -> Response:
-        if work.session is None:
-            return Response(status_code=404)
-        try:
-            jpeg = await asyncio.to_thread(pipeline.picture, work.session, view, camera)
-        except PivometerError as error:
-            return Response(str(error.what), status_code=404)
-        return Response(jpeg, media_type="image/jpeg", headers=_FRESH)
+    @ui.page("/result")
+    async def result() -> None:
+        await result_page(work, watcher)
 
-    @app.get("/live/{camera}.jpg")
-    async def live(camera: str, after: int = -1) -> Response:
-        return await _next_preview(work, camera, after)
-
-
-async def _next_preview(work: Work, camera: str, after: int) -> Response:
-    """Wait for a camera's next frame and answer with it; 204 where none comes or it is lost.
-
-    The browser asks for the next one when it has shown the last, so a slow one skips frames.
-    """
-    for _ in range(round(_WAIT_S / _POLL_S)):
-        feed = work.feeds.get(camera)
-        if feed is None or feed.fault is not None:
-            return Response(status_code=204, headers={**_FRESH, "X-Lost": "yes"})
-        frames = feed.frames
-        if frames and frames[-1].number != after:
-            number, jpeg = await asyncio.to_thread(feed.jpeg)
-            fresh: Mapping[str, str] = {**_FRESH, "X-Frame": str(number)}
-            return Response(jpeg, media_type="image/jpeg", headers=dict(fresh))
-        await asyncio.sleep(_POLL_S)
-    return Response(status_code=204, headers=_FRESH)
-
-
-_FRESH = {"Cache-Control": "no-store"}
+    @ui.page("/report")
+    async def report() -> None:
+        await report_page(work, watcher)

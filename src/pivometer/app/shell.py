@@ -13,6 +13,7 @@ from markupsafe import Markup
 from nicegui import ui
 
 from pivometer.app.work import Work
+from pivometer.report.drawing_rules import drawing_rules
 
 STEPS = (
     ("/", "Set up"),
@@ -36,7 +37,9 @@ def page_frame(work: Work, path: str, lead: str) -> Iterator[None]:
     """Draw the frame of one step; what is made inside stands in its main part."""
     title = dict(STEPS)[path]
     ui.page_title(f"{title} – {work.folder.name} – Pivometer")
-    ui.add_head_html(f"<style>{asset('style.css')}</style><script>{asset('live.js')}</script>")
+    ui.add_head_html(
+        f"<style>{asset('style.css')}</style><style>{drawing_rules('.figures')}</style><script>{asset('live.js')}</script>"
+    )
     with ui.element("a").classes("skip").props('href="#main"'):
         text("Skip to the content")
     with ui.element("header").classes("bar"):
@@ -54,7 +57,7 @@ def page_frame(work: Work, path: str, lead: str) -> Iterator[None]:
 
 def _step(address: str, name: str, *, current: bool, note: str) -> None:
     with ui.element("li"), ui.element("a").props(f'href="{address}"') as link:
-        text(name)
+        text(f"{name} " if note else name)
         if note:
             tag("small", note)
     if current:
@@ -145,14 +148,14 @@ class Tell(Tag):
 def live_view(name: str) -> ui.element:
     """Return a camera's live picture with its name."""
     with ui.element("figure").classes("view") as figure:
-        ui.element("img").props(f'data-live="{_attribute(name)}"').props(
-            f'alt="Camera {_attribute(name)}, live"'
+        ui.element("img").props(f'data-live="{attribute(name)}"').props(
+            f'alt="Camera {attribute(name)}, live"'
         )
         tag("figcaption", f"Camera {name}")
     return figure
 
 
-def _attribute(value: str) -> str:
+def attribute(value: str) -> str:
     """Return a text that may stand between quotes in an element's properties."""
     return value.replace("\\", "").replace('"', "'")
 
@@ -162,7 +165,7 @@ def select(options: dict[str, str], value: str) -> ui.element:
     chosen = ui.element("select")
     with chosen:
         for key, label in options.items():
-            option = tag("option", label).props(f'value="{_attribute(key)}"')
+            option = tag("option", label).props(f'value="{attribute(key)}"')
             if key == value:
                 option.props("selected")
     return chosen
@@ -218,7 +221,7 @@ class Field:
             return
         with ui.element("datalist") as offered:
             for entry in suggestions:
-                ui.element("option").props(f'value="{_attribute(entry)}"')
+                ui.element("option").props(f'value="{attribute(entry)}"')
         offered.props(f'id="offer-{offered.id}"')
         self.element.props(f'list="offer-{offered.id}"')
 

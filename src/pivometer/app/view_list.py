@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from urllib.parse import quote
 
+from markupsafe import Markup
 from nicegui import ui
 
 from pivometer import pipeline
-from pivometer.app.shell import Field, Tell, button, tag
+from pivometer.app.shell import Field, Tell, attribute, button, drawing, tag
 from pivometer.app.work import Work
 from pivometer.calibration import Calibration
 from pivometer.errors import PivometerError
 from pivometer.io.session import Session
 
 ViewRow = tuple[str, str, str, str, str, bool]
-"""View, cameras, rms and largest error in mm, state, and whether a person took it out."""
+"""View, three more cells, state, and whether a person took it out."""
 
 Changed = Callable[[], Awaitable[None]]
 
@@ -27,21 +29,32 @@ class ViewList:
     ----------
     work
         The session in work.
+    titles
+        Of the list, and of its columns before the state.
     changed
         Called after one was taken out or back.
+    overlay
+        What to draw over a camera's picture of a view; nothing where none is given.
     """
 
-    def __init__(self, work: Work, changed: Changed) -> None:
-        self._work, self._changed = work, changed
-        self._shown: object = None
+    def __init__(
+        self,
+        work: Work,
+        titles: tuple[str, ...],
+        changed: Changed,
+        overlay: Callable[[str, str], Markup] | None = None,
+    ) -> None:
+        self._work, self._changed, self._overlay = work, changed, overlay
+        self._titles = titles
+        self._shown: list[ViewRow] | None = None
         with ui.element("section").classes("card"):
-            tag("h2", "Views")
+            tag("h2", titles[0])
             self._told = Tell()
+            self._pictures = ui.element("div").classes("two figures")
             with ui.element("div").classes("fields"):
-                self._reason = Field("Reason for taking a view out", wide=True)
-            self._pictures = ui.element("div").classes("two")
+                self._reason = Field("Reason for taking one out", wide=True)
             self._box = ui.element("div").classes("scroll").props('tabindex="0" role="region"')
-            self._box.props('aria-label="Views"')
+            self._box.props(f'aria-label="{titles[0]}"')
 
     def draw(self, rows: list[ViewRow]) -> None:
         """Draw the table anew, if anything changed."""
@@ -50,9 +63,9 @@ class ViewList:
         self._shown = rows
         self._box.clear()
         with self._box, ui.element("table"):
-            tag("caption", "The worst view first")
+            tag("caption", "The worst first")
             with ui.element("thead"), ui.element("tr"):
-                for title in ("View", "Cameras", "rms, mm", "largest, mm", "State", "", ""):
+                for title in (*self._titles[1:], "State", "", ""):
                     cell = tag("th" if title else "td", title)
                     if title:
                         cell.props('scope="col"')
@@ -68,26 +81,33 @@ class ViewList:
                 tag("td", content)
             with ui.element("td"):
                 look = button("Look", lambda: self._look(view)).classes("small")
-                look.props(f'aria-label="Look at {view}"')
+                look.props(f'aria-label="{attribute(f"Look at {view}")}"')
             with ui.element("td"):
                 label = "Take back" if out else "Take out"
                 act = button(label, lambda: self._switch(view, out)).classes("small")
-                act.props(f'aria-label="{label}: {view}"')
+                act.props(f'aria-label="{attribute(f"{label}: {view}")}"')
 
     def _look(self, view: str) -> None:
+        """Show what every camera saw of a view."""
         session = self._work.session
         self._pictures.clear()
         if session is None:
             return
         with self._pictures:
             for camera in session.cameras:
-                if pipeline.file_of(session, view, camera) is None:
-                    continue
-                with ui.element("figure").classes("view"):
-                    ui.element("img").props(
-                        f'src="/pictures/{camera}/{view}" alt="View {view}, camera {camera}"'
-                    )
-                    tag("figcaption", f"{view}, camera {camera}")
+                if pipeline.file_of(session, view, camera) is not None:
+                    self._picture(view, camera)
+
+    def _picture(self, view: str, camera: str) -> None:
+        address = f"/pictures/{quote(camera)}/{quote(view)}"
+        with ui.element("figure").classes("view"):
+            with ui.element("div").classes("photo"):
+                ui.element("img").props(
+                    f'src="{address}" alt="{attribute(f"View {view}, camera {camera}")}"'
+                )
+                if self._overlay is not None:
+                    drawing(self._overlay(view, camera))
+            tag("figcaption", f"{view}, camera {camera}")
 
     async def _switch(self, view: str, out: bool) -> None:
         session = self._work.session
@@ -99,9 +119,9 @@ class ViewList:
         except PivometerError as error:
             self._told.say(f"{error.what}. Next: {error.next_step}.", "bad")
             return
-        self._told.say(f"{view} is {'taken back' if out else 'taken out'}.", "good")
         self._reason.show("")
         await self._changed()
+        self._told.say(f"{view} is {'taken back' if out else 'taken out'}.", "good")
 
 
 def view_rows(session: Session, made: Calibration | None) -> list[ViewRow]:

@@ -9,10 +9,12 @@ from pathlib import Path
 from pivometer import pipeline
 from pivometer.app.feeds import Feed, same_moment
 from pivometer.calibration.glimpse import BoardGlimpse
-from pivometer.errors import PivometerError
+from pivometer.errors import PivometerError, UsageError
 from pivometer.io.session import Session
 from pivometer.io.sources import USUAL_RATE_HZ, Frame, open_source
+from pivometer.measurement import Measurement
 from pivometer.pipeline.live_shaft import LiveShaft
+from pivometer.pipeline.reading import Progress
 
 
 class Work:
@@ -30,6 +32,8 @@ class Work:
         self.fault: str | None = None
         self.feeds: dict[str, Feed] = {}
         self._shaft: tuple[int, LiveShaft] | None = None
+        self.measured: Measurement | None = None
+        self._seen: tuple[object, pipeline.SeenShafts] | None = None
         self.glimpses: dict[Path, tuple[BoardGlimpse, tuple[int, int]] | None] = {}
         self.reload()
 
@@ -50,6 +54,38 @@ class Work:
         if self._shaft is None or self._shaft[0] != written:
             self._shaft = written, LiveShaft(made)
         return self._shaft[1]
+
+    def measure(self, progress: Progress | None = None) -> Measurement:
+        """Measure the session as it is now, without looking again at pictures already looked at.
+
+        Raises
+        ------
+        PivometerError
+            If it cannot be measured.
+        """
+        self.reload()
+        session = self.session
+        if session is None:
+            raise UsageError(self.fault or "no session yet", next_step="describe it in step 1")
+        made = pipeline.standing_calibration(session)
+        if made is None:
+            made = pipeline.calibrate(session, progress=progress)
+            pipeline.write_calibration(made, self.folder / "results")
+        session.require("shaft")
+        key = (tuple(session.shaft), (self.folder / "results" / "rig.json").stat().st_mtime_ns)
+        if self._seen is None or self._seen[0] != key:
+            self._seen = key, pipeline.see_shafts(session, made.rig, progress=progress)
+        self.measured = pipeline.measure_seen(session, made, self._seen[1])
+        return self.measured
+
+    def result(self) -> Measurement | None:
+        """Return the measurement that holds: made here, or in the session's results."""
+        self.reload()
+        if self.session is None:
+            return None
+        if self.measured is None or not pipeline.is_of_now(self.measured, self.session):
+            self.measured = pipeline.standing_measurement(self.session)
+        return self.measured
 
     def done(self, step: str) -> str:
         """Return a short note on how far one step is; empty where it has not begun."""

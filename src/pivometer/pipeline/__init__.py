@@ -37,6 +37,7 @@ from pivometer.pipeline.solving import (
 )
 from pivometer.pipeline.standing import (
     ViewQuality,
+    is_of_now,
     standing_calibration,
     standing_measurement,
     view_qualities,
@@ -68,6 +69,7 @@ __all__ = [
     "exclude",
     "file_of",
     "foreseen_calibration",
+    "is_of_now",
     "load",
     "measure",
     "measure_seen",

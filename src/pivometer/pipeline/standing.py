@@ -56,9 +56,14 @@ def standing_measurement(session: Session) -> Measurement | None:
         known = read_result(path)
     except PivometerError:
         return None
-    out = {pose.pose for pose in known.rejected if pose.reason.startswith(_BY_HAND)}
+    return known if is_of_now(known, session) else None
+
+
+def is_of_now(measurement: Measurement, session: Session) -> bool:
+    """Tell whether a measurement is of the poses that a session has, and has not excluded."""
+    out = {pose.pose for pose in measurement.rejected if pose.reason.startswith(_BY_HAND)}
     wanted = {stem for stem in session.shaft if f"shaft/{stem}" in session.excluded}
-    return known if [p.pose for p in known.poses] == list(session.shaft) and out == wanted else None
+    return [pose.pose for pose in measurement.poses] == list(session.shaft) and out == wanted
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,183 @@
+"""Step 4: the result, live: pick a pose, take it out with a reason, see the result change."""
+
+from __future__ import annotations
+
+import asyncio
+
+from markupsafe import Markup
+from nicegui import ui
+
+from pivometer import pipeline
+from pivometer.app.shell import Field, Tell, button, drawing, enable, keys, page_frame, tag
+from pivometer.app.view_list import ViewList, ViewRow
+from pivometer.app.watcher import Watcher
+from pivometer.app.work import Work
+from pivometer.errors import PivometerError
+from pivometer.measurement import Measurement, UsedPose
+from pivometer.pipeline.checking import CheckOutcome
+from pivometer.report import captions
+from pivometer.report.chart import pose_chart
+from pivometer.report.overlays import photo_overlay
+from pivometer.report.structure_figures import direction_map, order_chart
+from pivometer.report.structure_tables import structure_sentences
+from pivometer.report.target import target_plot
+from pivometer.report.verdict import verdict
+
+_LEAD = (
+    "Look at the poses that miss most. One whose picture is spoilt may be taken out with a reason, "
+    "which stands in the report; everything can be taken back."
+)
+_TITLES = ("Poses", "Pose", "Dihedral angle, °", "from the minimax point, mm", "least squares, mm")
+
+
+async def result_page(work: Work, watcher: Watcher) -> None:
+    """Draw the page."""
+    watcher.set_task(None)
+    with page_frame(work, "/result", _LEAD):
+        if work.session is None:
+            tag("p", "Describe the session in step 1 first.")
+            return
+        await _ResultPage(work).draw()
+
+
+class _ResultPage:
+    def __init__(self, work: Work) -> None:
+        self._work = work
+        self._progress = ""
+        self._busy = False
+        self._told = Tell()
+        self._go = button("Measure", self._measure, key="M", main=True)
+        with ui.element("section").classes("card"):
+            tag("h2", "The answer")
+            self._answer = ui.element("div")
+            with ui.element("div").classes("fields"):
+                self._limit = Field("Limit of the largest miss, mm", kind="number")
+            button("Check the limit", self._check)
+            self._decision = Tell()
+        self._views = ViewList(work, _TITLES, self._measure, self._overlay)
+        self._figures = ui.element("section").classes("card figures")
+        keys({"M": self._measure})
+        ui.timer(0.3, self._tell)
+
+    async def draw(self) -> None:
+        """Draw what holds now."""
+        measured = await asyncio.to_thread(self._work.result)
+        self._show(measured)
+
+    def _tell(self) -> None:
+        if self._busy:
+            self._told.say(self._progress)
+
+    def _heard(self, stage: str, done: int, total: int) -> None:
+        self._progress = f"{stage[:1].upper()}{stage[1:]}: {done} of {total}"
+
+    async def _measure(self) -> None:
+        """Measure what the folder holds now."""
+        if self._busy:
+            return
+        self._busy, self._progress = True, "Measuring …"
+        enable(self._go, on=False)
+        try:
+            measured = await asyncio.to_thread(self._work.measure, self._heard)
+        except PivometerError as error:
+            self._told.say(f"{error.what}. Next: {error.next_step}.", "bad")
+        else:
+            self._told.say("Measured.", "good")
+            self._show(measured)
+        finally:
+            self._busy = False
+        enable(self._go, on=True)
+
+    def _show(self, measured: Measurement | None) -> None:
+        self._answer.clear()
+        self._figures.clear()
+        self._decision.say("")
+        if measured is None:
+            with self._answer:
+                tag("p", "Not measured yet with the poses there are.")
+            with self._figures:
+                tag("h2", "Figures")
+            return
+        with self._answer:
+            _say(measured)
+        self._views.draw(_rows(measured, self._work))
+        with self._figures:
+            _draw_figures(measured)
+
+    def _overlay(self, view: str, camera: str) -> Markup:
+        measured = self._work.measured
+        stem = view.rpartition("/")[2]
+        found = [pose for pose in (measured.poses if measured else ()) if pose.pose == stem]
+        if measured is None or not found:
+            return Markup("")
+        rig = measured.calibration.rig
+        return photo_overlay(found[0], rig.cameras[rig.index(camera)], measured)
+
+    async def _check(self) -> None:
+        """Hold the robot's own largest miss against the limit."""
+        measured = self._work.measured
+        try:
+            limit = float(self._limit.value)
+        except ValueError:
+            limit = 0.0
+        if measured is None or limit <= 0:
+            self._decision.say("Measure first, and give a limit above 0 mm.", "warn")
+            return
+        try:
+            outcome = await asyncio.to_thread(pipeline.check, measured, limit)
+        except PivometerError as error:
+            self._decision.say(f"{error.what}. Next: {error.next_step}.", "bad")
+            return
+        self._decision.say(*_decided(outcome))
+
+
+def _decided(outcome: CheckOutcome) -> tuple[str, str]:
+    kind = {"pass": "good", "over": "bad"}.get(outcome.decision, "warn")
+    unmet = [condition.text for condition in outcome.validity if condition.status == "not met"]
+    words = [f"{outcome.decision.capitalize()}: {outcome.text}. Rule: {outcome.rule}."]
+    return " ".join([*words, *(f"Not met: {text}." for text in unmet)]), kind
+
+
+def _say(measured: Measurement) -> None:
+    told = verdict(measured)
+    tag("p", told.sentence).classes("say" if told.usable else "say tell bad")
+    tag("p", told.rejected)
+    for finding in measured.findings:
+        kind = "bad" if finding.severity == "refusal" else "warn"
+        tag("p", f"{finding.text}; {finding.next_step}").classes(f"tell {kind}")
+
+
+def _rows(measured: Measurement, work: Work) -> list[ViewRow]:
+    """Return the poses: used ones, the farthest first, then those rejected and taken out."""
+    out = work.session.excluded if work.session else {}
+    rows: list[ViewRow] = []
+    used = [pose for pose in measured.poses if isinstance(pose, UsedPose)]
+    for pose in sorted(used, key=lambda pose: -pose.distance_mm.minimax):
+        misses = f"{pose.distance_mm.minimax:.3f}", f"{pose.distance_mm.least_squares:.3f}"
+        rows.append((f"shaft/{pose.pose}", f"{pose.dihedral_deg:.0f}", *misses, "used", False))
+    for lost in measured.rejected:
+        view = f"shaft/{lost.pose}"
+        rows.append((view, "–", "–", "–", lost.reason, view in out))
+    return rows
+
+
+def _draw_figures(measured: Measurement) -> None:
+    numbers = [n for n, pose in enumerate(measured.poses, 1) if isinstance(pose, UsedPose)]
+    structure = measured.structure
+    tag("h2", "Figures")
+    with ui.element("div").classes("two"):
+        _figure(target_plot(measured, numbers), captions.target(measured))
+        if structure is not None:
+            _figure(direction_map(structure), captions.MAP)
+    _figure(pose_chart(measured), captions.CHART)
+    if structure is not None:
+        tag("h3", "What the misses follow")
+        for sentence in structure_sentences(structure):
+            tag("p", sentence)
+        _figure(order_chart(structure), captions.ORDER)
+
+
+def _figure(svg: Markup, caption: str) -> None:
+    with ui.element("figure"):
+        drawing(svg)
+        tag("figcaption", caption)
