@@ -28,6 +28,7 @@ COMMANDS = (
     "check",
     "verify",
     "compare",
+    "history",
     "plan",
     "schema",
 )

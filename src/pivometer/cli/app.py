@@ -711,3 +711,12 @@ Example:  pivometer compare before-service after-service
           says whether the robot has changed by more than chance explains.
 """,
 )
+
+app.command(
+    "pivometer.cli.history:history",
+    help_prologue="""\
+Example:  pivometer history all-sessions --output trend
+Exit codes: 0 the newest results are in line, 1 one is out of line, 2 wrong usage
+          or configuration.
+""",
+)

@@ -28,6 +28,7 @@ Commands:
   pivot      Find the pivot of a tracked instrument: of its tip, or of its axis.
   check      Decide whether a robot's RCM error keeps a limit.
   compare    Say whether results differ by more than chance explains.
+  history    Show how results change over time, with limits.
   verify     Verify that a report says what its inputs say.
   plan       Say what a measurement will be good for, before it is made.
   schema     Print the JSON Schema of result.json.

@@ -16,6 +16,7 @@ from pivometer.pipeline.capturing import (
 from pivometer.pipeline.checking import CheckOutcome, Condition, check
 from pivometer.pipeline.comparing import compare, results_at, write_comparison
 from pivometer.pipeline.examining import Examined
+from pivometer.pipeline.following import history, write_history
 from pivometer.pipeline.junit import write_junit
 from pivometer.pipeline.measuring import SeenShafts, measure, measure_seen, see_shafts
 from pivometer.pipeline.planning import (
@@ -69,6 +70,7 @@ __all__ = [
     "exclude",
     "file_of",
     "foreseen_calibration",
+    "history",
     "is_of_now",
     "load",
     "measure",
@@ -92,6 +94,7 @@ __all__ = [
     "view_qualities",
     "write_calibration",
     "write_comparison",
+    "write_history",
     "write_junit",
     "write_measurement",
     "write_pivot",

@@ -184,9 +184,9 @@ def _rms(one: Measurement, other: Measurement, coverage: float) -> Ratio:
 
 def _rms_text(first: str, second: str, ratio: Ratio) -> str:
     text = (
-        f"The rms miss of {second} is {ratio.value:.2f} times that of {first} "
-        f"({_percent(ratio.coverage)} interval {ratio.interval[0]:.2f} to "
-        f"{ratio.interval[1]:.2f}), as samples of the robots’ poses"
+        f"The rms miss of {second} is {ratio.value:.3g} times that of {first} "
+        f"({_percent(ratio.coverage)} interval {ratio.interval[0]:.3g} to "
+        f"{ratio.interval[1]:.3g}), as samples of the robots’ poses"
     )
     if not ratio.differs:
         return f"{text}: no difference is shown."
@@ -207,8 +207,8 @@ def _own(one: Measurement, other: Measurement) -> Ratio | None:
 def _own_text(first: str, second: str, ratio: Ratio) -> str:
     return (
         f"Apart from the instrument’s noise, and over the poses measured only, the robot’s own rms "
-        f"of {second} is {ratio.value:.2f} times that of {first} ({_percent(ratio.coverage)} "
-        f"interval {ratio.interval[0]:.2f} to {ratio.interval[1]:.2f})."
+        f"of {second} is {ratio.value:.3g} times that of {first} ({_percent(ratio.coverage)} "
+        f"interval {ratio.interval[0]:.3g} to {ratio.interval[1]:.3g})."
     )
 
 
