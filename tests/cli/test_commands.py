@@ -27,6 +27,7 @@ COMMANDS = (
     "pivot",
     "check",
     "verify",
+    "figures",
     "compare",
     "history",
     "plan",

@@ -198,6 +198,7 @@ def measure(
     /,
     *,
     output: Path | None = None,
+    figures: Path | None = None,
     rig: Path | None = None,
     method: Method | None = None,
     distortion: Distortion | None = None,
@@ -208,7 +209,8 @@ def measure(
 ) -> None:
     """Measure the RCM of a session and write the report.
 
-    Writes result.json, centerlines.csv, rig.json and report.html.
+    Writes result.json, centerlines.csv, rig.json and report.html; report.pdf, too, where the
+    extra pdf is installed.
 
     Parameters
     ----------
@@ -216,6 +218,8 @@ def measure(
         Folder with session.toml, board/ and shaft/<camera>/<pose>.png.
     output
         Folder for the results; SESSION/results where none is given.
+    figures
+        Folder for figures (SVG, PNG) and tables (CSV), too; see pivometer figures.
     rig
         The rig.json of an earlier calibration, or a calibration of another program: OpenCV, ROS,
         Kalibr, MATLAB, COLMAP or mrcal, a file or the folder with its files. Such a rig has no
@@ -260,6 +264,7 @@ def measure(
         raise UsageError("is a file", next_step="name a folder for the results", path=folder)
     options: dict[str, object] = {
         "--output": output,
+        "--figures": figures,
         "--rig": rig,
         "--method": method,
         "--distortion": distortion,
@@ -283,6 +288,9 @@ def measure(
         files = pipeline.write_measurement(
             measurement, loaded, folder, command=command, progress=progress
         )
+        if figures is not None:
+            pipeline.write_tables(measurement, figures)
+            pipeline.write_figures(measurement, figures)
     show_measurement(measurement, files, ignored=loaded.ignored)
 
 
@@ -681,6 +689,13 @@ def schema() -> None:
 
     sys.stdout.write(json.dumps(result_schema(), indent=2, ensure_ascii=False) + "\n")
 
+
+app.command(
+    "pivometer.cli.figures:figures",
+    help_prologue="""\
+Example:  pivometer figures my-session/results/result.json figures/
+""",
+)
 
 app.command(
     "pivometer.cli.verify:verify",

@@ -27,6 +27,7 @@ Commands:
   solve      Solve for the RCM of lines from a CSV file.
   pivot      Find the pivot of a tracked instrument: of its tip, or of its axis.
   check      Decide whether a robot's RCM error keeps a limit.
+  figures    Write a result's figures (SVG, PNG) and tables (CSV).
   compare    Say whether results differ by more than chance explains.
   history    Show how results change over time, with limits.
   verify     Verify that a report says what its inputs say.

@@ -45,7 +45,13 @@ from pivometer.pipeline.standing import (
 )
 from pivometer.pipeline.verifying import Verification, verify
 from pivometer.pipeline.watching import device_thumbnails
-from pivometer.pipeline.writing import write_calibration, write_measurement, write_target
+from pivometer.pipeline.writing import (
+    write_calibration,
+    write_figures,
+    write_measurement,
+    write_tables,
+    write_target,
+)
 
 __all__ = [
     "CheckOutcome",
@@ -94,10 +100,12 @@ __all__ = [
     "view_qualities",
     "write_calibration",
     "write_comparison",
+    "write_figures",
     "write_history",
     "write_junit",
     "write_measurement",
     "write_pivot",
     "write_solution",
+    "write_tables",
     "write_target",
 ]

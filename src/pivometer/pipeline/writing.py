@@ -19,8 +19,10 @@ from pivometer.measurement import Measurement
 from pivometer.pipeline.provenance import provenance_now
 from pivometer.pipeline.reading import Progress, ReadImage, streamed
 from pivometer.pipeline.reporting import page_of, pdf_of, report_of
+from pivometer.report.csv_tables import csv_files
 from pivometer.report.embedding import RESULT, SimulatedTruth, record_of
 from pivometer.report.pdf import pdf_extra_is_there
+from pivometer.report.plots import figure_files
 from pivometer.report.thumbnails import Thumbnail, make_thumbnail
 from pivometer.shaft.across import EdgeProfiles, profiles_across
 from pivometer.shaft.background import sampled
@@ -81,6 +83,22 @@ def write_measurement(
             **({"report.pdf": pdf_of(report)} if pdf_extra_is_there() else {}),
         },
     )
+
+
+def write_figures(measurement: Measurement, folder: Path | str) -> dict[str, Path]:
+    """Write a measurement's figures as SVG and PNG into a folder, and return their paths by name.
+
+    Raises
+    ------
+    UsageError
+        If the extra ``figures`` is not installed, or nothing can be written there.
+    """
+    return write_files(folder, figure_files(measurement))
+
+
+def write_tables(measurement: Measurement, folder: Path | str) -> dict[str, Path]:
+    """Write a measurement's tables as CSV into a folder, and return their paths by name."""
+    return write_files(folder, csv_files(measurement))
 
 
 _Key = tuple[str, str]

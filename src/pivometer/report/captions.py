@@ -6,7 +6,8 @@ from pivometer.measurement import Measurement
 
 CHART = (
     "Distance of each centerline from the RCM in the session’s order: bars from the minimax point, "
-    "rings from the least-squares point; ▼ poses at the maximum, ✕ rejected poses."
+    "with the 95 % interval that the pose’s own edges leave (thin lines, short where the edges are "
+    "good); rings from the least-squares point; ▼ poses at the maximum, ✕ rejected poses."
 )
 MAP = (
     "The misses over the direction of the shaft: each dot lies at the shaft’s tilt from its mean "

@@ -5,6 +5,7 @@ from markupsafe import Markup
 from pivometer.measurement import Measurement, UsedPose
 from pivometer.report.digits import error_decimals, fixed
 from pivometer.report.svg import SMALLEST_MM, picture, step_decimals, tag, tick_values
+from pivometer.report.tables import miss_intervals
 from pivometer.report.target import deciding_poses
 
 _WIDTH, _HEIGHT = 960.0, 300.0
@@ -14,7 +15,7 @@ _MOST_NAMES = 90
 
 
 def pose_chart(measurement: Measurement) -> Markup:
-    """Draw one bar per pose (minimax), a ring (least squares), and × for a rejected pose."""
+    """Draw one bar per pose (minimax) with its interval, a ring (least squares), × if rejected."""
     poses = measurement.poses
     used = measurement.used
     top_mm = max(
@@ -24,12 +25,15 @@ def pose_chart(measurement: Measurement) -> Markup:
     scale = (_HEIGHT - _TOP - _BOTTOM) / top_mm
     step = (_WIDTH - _LEFT - _RIGHT) / max(len(poses), 1)
     worst = deciding_poses(measurement)
+    ends = dict(zip((pose.pose for pose in used), miss_intervals(measurement), strict=True))
     parts = _grid(top_mm, scale)
     every = -(-len(poses) // _MOST_NAMES)
     for index, pose in enumerate(poses):
         x = _LEFT + (index + 0.5) * step
         if isinstance(pose, UsedPose):
             parts += _bar(pose, x, step, scale, sets_max=pose.pose in worst)
+            low, high = (_floor() - scale * float(end) for end in ends[pose.pose])
+            parts.append(tag("path", d=f"M{x:.1f},{low:.1f}V{high:.1f}", class_="interval"))
         else:
             parts.append(_rejected(pose.pose, x))
         if index % every == 0:

@@ -5,11 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pivometer._arrays import Floats
 from pivometer.calibration.result import Calibration
 from pivometer.measurement import Measurement, RejectedPose, UsedPose
 from pivometer.report.digits import decimals_of, error_decimals, fixed, small, uncertainty_text
 from pivometer.report.embedding import SimulatedTruth
-from pivometer.report.target import deciding_poses
+from pivometer.report.target import deciding_poses, nearest_points_mm
+from pivometer.uncertainty.pose_miss import miss_interval_mm
 from pivometer.uncertainty.propagation import LocationUncertainty
 
 
@@ -219,6 +221,7 @@ def pose_table(measurement: Measurement, numbers: Mapping[str, int]) -> Table:
     rcm = measurement.rcm
     decimals = error_decimals([rcm.minimax.rms_mm, rcm.least_squares.rms_mm])
     names = [camera.name for camera in measurement.calibration.rig.cameras]
+    ends = dict(zip((p.pose for p in measurement.used), miss_intervals(measurement), strict=True))
     rows = [
         (
             pose.pose,
@@ -227,6 +230,7 @@ def pose_table(measurement: Measurement, numbers: Mapping[str, int]) -> Table:
             fixed(pose.distance_mm.least_squares, decimals),
             f"{pose.dihedral_deg:.1f}",
             *(f"{diameter:.3f}" for diameter in pose.diameters_mm),
+            " to ".join(fixed(float(end), decimals) for end in ends[pose.pose]),
             "▲ max" if pose.pose in worst else "",
         )
         for pose in used
@@ -240,10 +244,27 @@ def pose_table(measurement: Measurement, numbers: Mapping[str, int]) -> Table:
             "least squares, mm",
             "dihedral angle, °",
             *(f"diameter {name}, mm" for name in names),
+            "minimax, 95 % interval, mm",
             "",
         ),
         tuple(rows),
     )
+
+
+def miss_intervals(measurement: Measurement) -> Floats:
+    """Return the 95 % interval of each used pose's miss from the minimax point, shape (n, 2), mm.
+
+    From the pose's own edges alone: the point's and the calibration's uncertainty move all alike.
+    """
+    point = measurement.rcm.minimax.point_mm
+    misses = nearest_points_mm(measurement) - point
+    lines = [pose.centerline for pose in measurement.used]
+    return np.array(
+        [
+            miss_interval_mm(miss, line.position_covariance_mm2(point))
+            for miss, line in zip(misses, lines, strict=True)
+        ]
+    ).reshape(-1, 2)
 
 
 def rejected_table(measurement: Measurement) -> Table:
