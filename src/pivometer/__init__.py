@@ -50,8 +50,11 @@ def __getattr__(name: str) -> object:
     """Import a public name when it is first asked for, so that importing pivometer is quick."""
     if name not in _HOMES:
         raise AttributeError(f"module 'pivometer' has no attribute {name!r}")
+    import sys
     from importlib import import_module
 
+    if "IPython" in sys.modules:  # a notebook shows results as it shows nothing else
+        import_module("pivometer.pipeline.notebook").show_in_notebooks()
     return getattr(import_module(_HOMES[name]), name)
 
 

@@ -19,6 +19,7 @@ from pivometer.pipeline.examining import Examined
 from pivometer.pipeline.following import history, write_history
 from pivometer.pipeline.junit import write_junit
 from pivometer.pipeline.measuring import SeenShafts, measure, measure_seen, see_shafts
+from pivometer.pipeline.notebook import show_in_notebooks
 from pivometer.pipeline.planning import (
     Plan,
     foreseen_calibration,
@@ -88,6 +89,7 @@ __all__ = [
     "saved_sources",
     "see_shafts",
     "seen_length_mm",
+    "show_in_notebooks",
     "simulate",
     "solve_axis",
     "solve_lines",

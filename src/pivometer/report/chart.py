@@ -10,6 +10,9 @@ from pivometer.report.target import deciding_poses
 
 _WIDTH, _HEIGHT = 960.0, 300.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52.0, 96.0, 22.0, 70.0
+_TALLEST = 1.6
+"""An interval that goes farther beyond the largest miss than this is cut off at the top."""
+
 _MOST_NAMES = 90
 """More names than this under the bars could not be read; then every second, third … is written."""
 
@@ -21,18 +24,20 @@ def pose_chart(measurement: Measurement) -> Markup:
     top_mm = max(
         [max(pose.distance_mm.minimax, pose.distance_mm.least_squares) for pose in used] or [1.0]
     )
+    intervals = miss_intervals(measurement)
+    top_mm = max(top_mm, min(float(intervals.max(initial=0.0)), _TALLEST * top_mm))
     top_mm = 1.06 * max(top_mm, SMALLEST_MM)
     scale = (_HEIGHT - _TOP - _BOTTOM) / top_mm
     step = (_WIDTH - _LEFT - _RIGHT) / max(len(poses), 1)
     worst = deciding_poses(measurement)
-    ends = dict(zip((pose.pose for pose in used), miss_intervals(measurement), strict=True))
+    ends = dict(zip((pose.pose for pose in used), intervals, strict=True))
     parts = _grid(top_mm, scale)
     every = -(-len(poses) // _MOST_NAMES)
     for index, pose in enumerate(poses):
         x = _LEFT + (index + 0.5) * step
         if isinstance(pose, UsedPose):
             parts += _bar(pose, x, step, scale, sets_max=pose.pose in worst)
-            low, high = (_floor() - scale * float(end) for end in ends[pose.pose])
+            low, high = (_floor() - scale * min(float(end), top_mm) for end in ends[pose.pose])
             parts.append(tag("path", d=f"M{x:.1f},{low:.1f}V{high:.1f}", class_="interval"))
         else:
             parts.append(_rejected(pose.pose, x))
