@@ -32,14 +32,19 @@ class RunningApp:
         return f"http://127.0.0.1:{self.port}/?token={self.token}"
 
     def get(
-        self, path: str, headers: dict[str, str] | None = None, *, cookie: bool = False
+        self,
+        path: str,
+        headers: dict[str, str] | None = None,
+        *,
+        cookie: bool = False,
+        put: bytes | None = None,
     ) -> tuple[int, dict[str, str], bytes]:
         sent = dict(headers or {})
         if cookie:
             sent["Cookie"] = f"pivometer-{self.port}={self.token}"
         connection = HTTPConnection("127.0.0.1", self.port, timeout=20)
         try:
-            connection.request("GET", path, headers=sent)
+            connection.request("GET" if put is None else "PUT", path, body=put, headers=sent)
             answer = connection.getresponse()
             return answer.status, dict(answer.getheaders()), answer.read()
         finally:

@@ -4,11 +4,17 @@ import socket
 import stat
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
+from pivometer import pipeline
 from pivometer.app import free_port, run_app
 from pivometer.app.guard import new_token
+from pivometer.calibration import Board
 from pivometer.errors import UsageError
+from pivometer.io.settings import Settings
+from pivometer.pipeline.capturing import MOST_PICTURE_BYTES
 
 HANDSHAKE = {
     "Connection": "Upgrade",
@@ -124,3 +130,40 @@ def test_a_file_is_no_session_folder(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x", encoding="utf-8")
     with pytest.raises(UsageError, match="is a file"):
         run_app(tmp_path / "file")
+
+
+def test_a_picture_that_is_sent_lands_in_its_folder_or_nowhere(app, folder: Path) -> None:
+    picture = cv2.imencode(".png", np.full((5, 7), 9, np.uint8))[1].tobytes()
+
+    def send(path: str, data: bytes = picture, **headers: str) -> int:
+        return app.get(path, headers, cookie=True, put=data)[0]
+
+    assert send("/pictures/board/left/0.png") == 409  # nothing is described yet
+    board = Board("checkerboard", (9, 7), 15.0)
+    pipeline.describe(folder, Settings(board, None, ("left", "right"), "left", {}, {}, ""))
+
+    assert app.get("/pictures/board/left/0.png", put=picture)[0] == 403
+    assert send("/pictures/board/left/0.png", Origin="http://evil.example") == 403
+    for path in (
+        "/pictures/board/left/..%2F..%2F..%2Fout.png",
+        "/pictures/board/left/..%5C..%5Cout.png",
+        "/pictures/board/..%2F../out.png",
+        "/pictures/../left/out.png",
+        "/pictures/board/%2e%2e/out.png",
+        "/pictures/results/left/out.png",
+        "/pictures/board/left/.out.png",
+        "/pictures/board/left/out.html",
+        "/pictures/board/middle/out.png",
+    ):
+        assert send(path) in (404, 405, 422), path
+    assert send("/pictures/board/left/0.png", b"no picture") == 422
+    assert send("/pictures/board/left/0.png", picture[:-9]) == 422
+    assert send("/pictures/board/left/0.png", bytes(MOST_PICTURE_BYTES + 1)) == 413
+    written = {"session.toml", "board", "shaft", "left", "right"}
+    assert {path.name for path in folder.parent.rglob("*")} == {"new", *written}
+
+    assert send("/pictures/board/left/0.png") == 204
+    assert (folder / "board" / "left" / "0.png").read_bytes() == picture
+    assert app.get("/pictures/left/board/0", cookie=True)[0] == 200
+    for path in ("/pictures/right/board/0", "/pictures/left/../session.toml", "/pictures/left/x/y"):
+        assert app.get(path, cookie=True)[0] == 404, path

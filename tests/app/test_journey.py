@@ -137,9 +137,9 @@ def test_the_whole_journey(
     accessible(page)
     type_into(page, "Side of a square, measured, mm", "15")
     type_into(page, "Diameter of the shaft, mm", "10")
-    type_into(page, "Rate of folders", "1.5")
     for number, name in enumerate(("left", "right"), 1):
         type_into(page, f"Source of camera {number}", str(rendered / "board" / name))
+    type_into(page, "Pictures a second of folders", "1.5")
     tab_to(page, "Save and open the cameras")
     page.keyboard.press("Enter")
     page.wait_for_selector("img[data-frames]")

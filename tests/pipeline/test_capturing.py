@@ -55,6 +55,14 @@ def test_a_wrong_description_changes_nothing(session: Session) -> None:
     assert sorted(p.name for p in session.folder.iterdir()) == ["board", "session.toml", "shaft"]
 
 
+def test_a_description_that_does_not_fit_the_pictures_changes_nothing(session: Session) -> None:
+    pipeline.capture(session, "board", {"left": np.zeros((4, 4), np.uint8)})
+    before = {path: path.is_file() and path.read_bytes() for path in session.folder.rglob("*")}
+    with pytest.raises(SessionError, match="pictures of camera left, which is not among"):
+        pipeline.describe(session.folder, replace(SETTINGS, camera_names=("right", "lefty")))
+    assert {p: p.is_file() and p.read_bytes() for p in session.folder.rglob("*")} == before
+
+
 def test_moments_are_numbered_on_and_keep_their_depth(session: Session) -> None:
     deep = np.array([[0, 65535], [1, 256]], dtype=np.uint16)
     assert pipeline.capture(session, "shaft", {"left": deep, "right": deep}) == "000"

@@ -62,6 +62,7 @@ async def _added(work: Work, group: str, camera: str, name: str, request: Reques
         data += piece
         if len(data) > MOST_PICTURE_BYTES:
             return Response("the picture is too large", status_code=413)
+    await asyncio.to_thread(work.reload)
     if work.session is None:
         return Response("describe the session in step 1 first", status_code=409)
     try:
@@ -71,6 +72,7 @@ async def _added(work: Work, group: str, camera: str, name: str, request: Reques
     except PivometerError as error:
         return Response(f"{error.what}; next: {error.next_step}", status_code=422)
     await asyncio.to_thread(work.reload)
+    work.added += 1
     return Response(status_code=204)
 
 

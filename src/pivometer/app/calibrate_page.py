@@ -8,7 +8,17 @@ from nicegui import ui
 
 from pivometer import pipeline
 from pivometer.app.board_task import BoardTask
-from pivometer.app.shell import Tell, button, enable, keys, live_view, page_frame, tag, text
+from pivometer.app.shell import (
+    Tell,
+    add_pictures,
+    button,
+    enable,
+    keys,
+    live_view,
+    page_frame,
+    tag,
+    text,
+)
 from pivometer.app.view_list import ViewList, ViewRow, view_rows
 from pivometer.app.watcher import Watcher
 from pivometer.app.work import Work
@@ -47,11 +57,13 @@ class _CalibratePage:
             with ui.element("section").classes("card"):
                 tag("h2", "Coverage")
                 self._gauges = ui.element("div")
+        self._added = work.added
         self._told = Tell()
         self._result = ui.element("section").classes("card")
         self._views = ViewList(
             work, ("Views", "View", "Cameras", "rms, mm", "largest, mm"), self._changed
         )
+        add_pictures("board", work.session.cameras if work.session else ())
         keys({"C": self._capture, "U": self._undo, "K": self._calibrate})
         self._tend()
         ui.timer(0.25, self._refresh)
@@ -112,6 +124,9 @@ class _CalibratePage:
         self._watcher.fault = None
         if self._busy:
             self._told.say(self._progress)
+        if self._added != self._work.added:
+            self._added = self._work.added
+            await self._changed()
         if self._version == self._task.version:
             return
         self._version = self._task.version

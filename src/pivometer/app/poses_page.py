@@ -10,6 +10,7 @@ from pivometer import pipeline
 from pivometer.app.shaft_task import ShaftTask
 from pivometer.app.shell import (
     Tell,
+    add_pictures,
     button,
     drawing,
     keys,
@@ -63,10 +64,12 @@ class _PosesPage:
                 tag("h2", "Directions")
                 self._map = ui.element("div")
                 self._cone = tag("p")
+        self._added = work.added
         self._told = Tell()
         with ui.element("section").classes("card"):
             tag("h2", "The RCM of the poses so far")
             self._numbers = ui.element("div").classes("two")
+        add_pictures("shaft", work.session.cameras if work.session else ())
         keys({"C": self._capture, "U": self._undo, "A": self._toggle})
         client = ui.context.client
         client.on_connect(lambda: watcher.set_task(self._task))
@@ -117,6 +120,9 @@ class _PosesPage:
     async def _refresh(self) -> None:
         self._seen.set(self._watcher.fault or self._task.told)
         self._watcher.fault = None
+        if self._added != self._work.added:
+            self._added = self._work.added
+            await asyncio.to_thread(self._task.count)
         if self._version != self._task.version:
             self._version = self._task.version
             self._draw_numbers()

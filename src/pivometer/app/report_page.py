@@ -44,7 +44,8 @@ class _ReportPage:
         self._progress = ""
         self._busy = False
         self._told = Tell()
-        self._go = button("Write the report", self._write, key="W", main=True)
+        with ui.element("div").classes("actions"):
+            self._go = button("Write the report", self._write, key="W", main=True)
         self._card = ui.element("section").classes("card")
         keys({"W": self._write})
         ui.timer(0.3, lambda: self._told.say(self._progress) if self._busy else None)

@@ -46,7 +46,8 @@ class _ResultPage:
         self._progress = ""
         self._busy = False
         self._told = Tell()
-        self._go = button("Measure", self._measure, key="M", main=True)
+        with ui.element("div").classes("actions"):
+            self._go = button("Measure", self._measure, key="M", main=True)
         with ui.element("section").classes("card"):
             tag("h2", "The answer")
             self._answer = ui.element("div")

@@ -79,16 +79,16 @@ class SetupForm:
             "A camera is a capture device (device 0), a folder of images or a video file. The "
             "first one is the reference: results are in its frame.",
         ).classes("lead")
-        self._box = ui.element("div").classes("fields")
+        self._box = ui.element("div").classes("pairs")
         names = list(self._session.cameras) if self._session else ["left", "right"]
-        with self._box:
-            self._rate = Field(
-                "Rate of folders and videos, 1/s", _shown(rate_hz), kind="number", wide=False
-            )
         for name in names:
             self._add_row(name)
         if self._session is None:
             button("Add a camera", lambda: self._add_row(f"camera{len(self.rows) + 1}"))
+        with ui.element("div").classes("fields"):
+            self._rate = Field(
+                "Pictures a second of folders, videos", _shown(rate_hz), kind="number"
+            )
 
     def _add_row(self, name: str) -> None:
         with self._box:

@@ -38,7 +38,7 @@ def page_frame(work: Work, path: str, lead: str) -> Iterator[None]:
     title = dict(STEPS)[path]
     ui.page_title(f"{title} – {work.folder.name} – Pivometer")
     ui.add_head_html(
-        f"<style>{asset('style.css')}</style><style>{drawing_rules('.figures')}</style><script>{asset('live.js')}</script>"
+        f"<style>{asset('style.css')}</style><style>{drawing_rules('.figures')}</style><script>{asset('pages.js')}</script>"
     )
     with ui.element("a").classes("skip").props('href="#main"'):
         text("Skip to the content")
@@ -158,6 +158,19 @@ def live_view(name: str) -> ui.element:
 def attribute(value: str) -> str:
     """Return a text that may stand between quotes in an element's properties."""
     return value.replace("\\", "").replace('"', "'")
+
+
+def add_pictures(group: str, cameras: tuple[str, ...]) -> None:
+    """Draw an input for each camera that takes picture files into a group of the session."""
+    with ui.element("details").classes("card"):
+        tag("summary", "Add pictures from files (the same file name is the same moment)")
+        with ui.element("div").classes("fields"):
+            for camera in cameras:
+                with ui.element("label").classes("field"):
+                    text(f"Pictures of camera {camera}")
+                    place = f'data-add="{group}/{attribute(camera)}"'
+                    ui.element("input").props(f'type="file" multiple accept="image/*" {place}')
+                    tag("output")
 
 
 def select(options: dict[str, str], value: str) -> ui.element:

@@ -32,6 +32,7 @@ class Work:
         self.fault: str | None = None
         self.feeds: dict[str, Feed] = {}
         self._shaft: tuple[int, LiveShaft] | None = None
+        self.added = 0
         self.measured: Measurement | None = None
         self._seen: tuple[object, pipeline.SeenShafts] | None = None
         self.glimpses: dict[Path, tuple[BoardGlimpse, tuple[int, int]] | None] = {}

@@ -6,7 +6,7 @@ The folder is the only truth. Every picture is whole on the disk before anything
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import Literal, get_args
@@ -45,7 +45,8 @@ def describe(folder: Path, settings: Settings) -> Session:
     Raises
     ------
     SessionError
-        If the description has a mistake; then nothing is changed.
+        If the description has a mistake, or does not fit the pictures that the folder holds; then
+        nothing is changed.
     """
     text = settings_text(settings)
     draft = write_file(folder / ".session-draft.toml", text)
@@ -58,11 +59,25 @@ def describe(folder: Path, settings: Settings) -> Session:
     names = checked.camera_names
     if names is None:
         raise SessionError("no cameras are named", next_step="name at least two cameras")
+    _refuse_dropped(folder, names)
     write_file(folder / "session.toml", text)
     for group in ("board", "shaft"):
         for name in names:
             (folder / group / name).mkdir(parents=True, exist_ok=True)
     return load(folder)
+
+
+def _refuse_dropped(folder: Path, names: Collection[str]) -> None:
+    """Refuse to leave out, or rename, a camera of which there are pictures."""
+    for group in ("board", "shaft"):
+        for place in sorted((folder / group).glob("*/")):
+            if place.name not in names and any(place.iterdir()):
+                raise SessionError(
+                    f"there are pictures of camera {place.name}, which is not among the cameras: "
+                    f"{', '.join(names)}",
+                    next_step="name it as before, or rename its folders first",
+                    path=place,
+                )
 
 
 def capture(session: Session, group: Group, images: Mapping[str, Image]) -> str:

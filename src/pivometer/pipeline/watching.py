@@ -184,6 +184,10 @@ LEAST_CORRELATION = 0.6
 """Two cameras that see one hand wave correlate by 0.8 and more."""
 
 
+RIVAL, WIDEST_S = 0.9, 0.3
+"""Lags that match nine tenths as well must lie within 0.3 s: a regular swing fits many lags."""
+
+
 def offset_s(
     first: Sequence[tuple[float, float]], second: Sequence[tuple[float, float]]
 ) -> float | None:
@@ -207,6 +211,9 @@ def offset_s(
     >>> late = offset_s(list(zip(t, waving(t))), list(zip(t, waving(t - 0.2))))
     >>> round(late, 2)
     0.2
+    >>> beat = np.maximum(0, np.sin(2 * np.pi * t) - 0.8)  # each second: which one is which?
+    >>> offset_s(list(zip(t, beat)), list(zip(t, beat))) is None
+    True
     """
     if min(len(first), len(second)) < 20:
         return None
@@ -222,7 +229,9 @@ def offset_s(
     lags = np.arange(-1.0, 1.0 + step / 2, step)
     matches = [base @ _normalised(np.interp(times + lag, b[:, 0], b[:, 1])) for lag in lags]
     best = int(np.argmax(matches))
-    return float(lags[best]) if matches[best] >= LEAST_CORRELATION else None
+    rivals = lags[np.array(matches) >= RIVAL * matches[best]]
+    told = matches[best] >= LEAST_CORRELATION and np.ptp(rivals) <= WIDEST_S
+    return float(lags[best]) if told else None
 
 
 def _normalised(values: Floats) -> Floats:

@@ -1,4 +1,5 @@
-// Live pictures: ask for the next frame when the last one is shown, so that a slow computer skips.
+// Live pictures, and pictures added from files.
+// Ask for the next frame when the last one is shown, so that a slow computer skips.
 (() => {
   const pause = (ms) => new Promise((done) => setTimeout(done, ms));
   async function play(image) {
@@ -29,4 +30,22 @@
     }
   }
   setInterval(start, 100);
+
+  // Send one file after the other, and say what became of them.
+  document.addEventListener("change", async (event) => {
+    const input = event.target, place = input.dataset && input.dataset.add;
+    if (!place) return;
+    const told = input.closest("label").querySelector("output"), refused = [];
+    let taken = 0;
+    for (const file of input.files) {
+      told.textContent = `${file.name} …`;
+      const [group, camera] = place.split("/").map(encodeURIComponent);
+      const address = `/pictures/${group}/${camera}/${encodeURIComponent(file.name)}`;
+      const answer = await fetch(address, { method: "PUT", body: file }).catch(() => null);
+      if (answer && answer.ok) taken += 1;
+      else refused.push(`${file.name}: ${answer ? await answer.text() : "not sent"}`);
+    }
+    told.textContent = [`${taken} added`, ...refused].join("; ");
+    input.value = "";
+  });
 })();
