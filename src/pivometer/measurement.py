@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from pivometer._arrays import Floats, checked, read_only
 from pivometer.calibration.board import Board
@@ -250,6 +251,41 @@ class Provenance:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class LimitDecision:
+    """Whether the robot keeps a limit, and by which rule that was decided.
+
+    Parameters
+    ----------
+    decision
+        ``"pass"``, ``"over"``, ``"inconclusive"``; ``"invalid"`` where a condition is not met.
+    text
+        Why, in one sentence.
+    rule
+        The decision rule.
+    limit_mm
+        The limit of the largest miss, mm.
+    interval_mm
+        What was held against it, shape (2,), mm.
+    guard_mm
+        The guard band, mm; `None` where the interval of the robot's own largest miss decided.
+    conditions
+        The conditions of validity and how they stand, in plain words.
+    """
+
+    decision: Literal["pass", "over", "inconclusive", "invalid"]
+    text: str
+    rule: str
+    limit_mm: float
+    interval_mm: Floats
+    guard_mm: float | None
+    conditions: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        interval = checked(self.interval_mm, (2,), "interval_mm")
+        object.__setattr__(self, "interval_mm", read_only(interval))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class BoardCenterline:
     """A used pose's centerline in the reference board's frame.
 
@@ -360,6 +396,8 @@ class Measurement:
         Whether all edges belong to one cylinder, and its diameter; `None` where too few poses tell.
     provenance
         How and when it was made; `None` in files of versions that did not state it.
+    decision
+        Whether it keeps a limit; `None` where none was stated.
     """
 
     rcm: RcmSolution
@@ -375,6 +413,7 @@ class Measurement:
     structure: ErrorStructure | None = None
     shaft: ShaftAgreement | None = None
     provenance: Provenance | None = None
+    decision: LimitDecision | None = None
 
     @property
     def reference_camera(self) -> str:

@@ -32,7 +32,7 @@ SHAPES = {
     "point_mm": (3,),
     "direction": (3,),
     "expanded_mm": (3,),
-    **dict.fromkeys(("rms_interval_mm", "max_interval_mm"), (2,)),
+    **dict.fromkeys(("interval_mm", "rms_interval_mm", "max_interval_mm"), (2,)),
     "covariance": (4, 4),
     "basis": (2, 3),
     "points_px": (2, 5, 2),

@@ -48,3 +48,22 @@ def test_the_report_tabulates_the_boards_frame(with_board_frame, measurement):
     assert "reference board" in table.caption
     assert "looks the same" in table.note
     assert board_location_table(measurement) is None
+
+
+def test_a_limit_is_decided_in_the_report_with_its_rule(make_measurement):
+    from dataclasses import replace
+
+    from pivometer.measurement import LimitDecision
+    from pivometer.report import render_html
+
+    measurement = make_measurement(count=5)
+    told = verdict(measurement)
+    assert told.decision == ""
+    assert "no limit is stated, so nothing is passed or failed" in told.rule
+    for decision, opening in (("pass", "✓ Pass: "), ("over", "✕ Over the limit: ")):
+        decided = LimitDecision(decision, "why", "the rule", 0.5, [0.1, 0.2], None, ("a: b (met)",))
+        page = render_html(replace(measurement, decision=decided), thumbnails={})
+        assert f"{opening}why." in page
+        assert "Decision rule: the rule." in page
+        assert "<li>a: b (met)</li>" in page
+        assert "no limit is stated" not in page

@@ -200,6 +200,7 @@ def measure(
     output: Path | None = None,
     figures: Path | None = None,
     rig: Path | None = None,
+    limit: Annotated[float | None, Parameter(validator=Number(gt=0))] = None,
     method: Method | None = None,
     distortion: Distortion | None = None,
     centerline: Centerline | None = None,
@@ -224,6 +225,9 @@ def measure(
         The rig.json of an earlier calibration, or a calibration of another program: OpenCV, ROS,
         Kalibr, MATLAB, COLMAP or mrcal, a file or the folder with its files. Such a rig has no
         uncertainty, and the result says so. Calibrates first where none is given.
+    limit
+        Limit of the largest miss, mm: the report then says whether the robot keeps it, as
+        pivometer check decides.
     method
         How to calibrate: joint, which is used where none is given, or paper.
     distortion
@@ -266,6 +270,7 @@ def measure(
         "--output": output,
         "--figures": figures,
         "--rig": rig,
+        "--limit": limit,
         "--method": method,
         "--distortion": distortion,
         "--centerline": centerline,
@@ -285,6 +290,8 @@ def measure(
             centerline=centerline or "paper",
             progress=progress,
         )
+        if limit is not None:
+            measurement = pipeline.with_decision(measurement, limit)
         files = pipeline.write_measurement(
             measurement, loaded, folder, command=command, progress=progress
         )
@@ -542,7 +549,7 @@ def check(
 
     try:
         earlier = None if baseline is None else read_result(baseline)
-        measurement = _measured(session, rig, output)
+        measurement = _measured(session, rig, output, limit, guard)
         outcome = pipeline.check(measurement, limit, guard_mm=guard, baseline=earlier)
     except PivometerError as error:
         if junit is not None:  # or CI would show the file of the last run
@@ -554,7 +561,9 @@ def check(
     return outcome.exit_code
 
 
-def _measured(session: Path, rig: Path | None, output: Path | None) -> "Measurement":
+def _measured(
+    session: Path, rig: Path | None, output: Path | None, limit: float, guard: float | None
+) -> "Measurement":
     """Return the measurement in a result file, or measure a session."""
     from pivometer import pipeline
     from pivometer.cli.progress import progress_bar
@@ -573,10 +582,9 @@ def _measured(session: Path, rig: Path | None, output: Path | None) -> "Measurem
     with progress_bar() as progress:
         measurement = pipeline.measure(loaded, rig=known, progress=progress)
         if output is not None:
-            command = shlex.join(["pivometer", "check", str(session)])
-            pipeline.write_measurement(
-                measurement, loaded, output, command=command, progress=progress
-            )
+            command = shlex.join(["pivometer", "check", str(session), "--limit", str(limit)])
+            decided = pipeline.with_decision(measurement, limit, guard_mm=guard)
+            pipeline.write_measurement(decided, loaded, output, command=command, progress=progress)
     return measurement
 
 

@@ -60,7 +60,7 @@ def show_measurement(
 ) -> None:
     """Print the verdict, both points, what was rejected and where the files are."""
     told = verdict(measurement)
-    say(told.sentence, told.rejected, "")
+    say(told.sentence, *([told.decision] if told.decision else []), told.rejected, "")
     board = board_location_table(measurement)
     if board is not None:
         show_table(board)

@@ -18,6 +18,7 @@ _SHAPES = {
     "expanded_mm": (3,),
     "shift_mm": (3,),
     "shift_covariance_mm2": (3, 3),
+    "interval_mm": (2,),
     "rms_interval_mm": (2,),
     "max_interval_mm": (2,),
     "rotation": (3, 3),

@@ -13,7 +13,7 @@ from pivometer.pipeline.capturing import (
     save_sources,
     saved_sources,
 )
-from pivometer.pipeline.checking import CheckOutcome, Condition, check
+from pivometer.pipeline.checking import CheckOutcome, Condition, check, with_decision
 from pivometer.pipeline.comparing import compare, results_at, write_comparison
 from pivometer.pipeline.examining import Examined
 from pivometer.pipeline.following import history, write_history
@@ -100,6 +100,7 @@ __all__ = [
     "two_cameras",
     "verify",
     "view_qualities",
+    "with_decision",
     "write_calibration",
     "write_comparison",
     "write_figures",

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
 
 from pivometer.errors import DataError, PivometerError, UsageError
 from pivometer.geometry import distances_to_lines
-from pivometer.measurement import ImportedRig, Measurement, ShaftAgreement
+from pivometer.measurement import ImportedRig, LimitDecision, Measurement, ShaftAgreement
 from pivometer.pipeline.own_error import own_error
 from pivometer.rcm import minimax_rcm
 from pivometer.rcm.geometry_check import FEWEST_POSES_ADVISED, swept_by_one_joint
@@ -147,6 +147,24 @@ def check(
         validity=validity,
         baseline=compared,
     )
+
+
+def with_decision(
+    measurement: Measurement, limit_mm: float, *, guard_mm: float | None = None
+) -> Measurement:
+    """Return a measurement that states whether it keeps a limit; see `check`."""
+    outcome = check(measurement, limit_mm, guard_mm=guard_mm)
+    conditions = tuple(f"{one.name}: {one.text} ({one.status})" for one in outcome.validity)
+    decided = LimitDecision(
+        outcome.decision,
+        outcome.text,
+        outcome.rule,
+        outcome.limit_mm,
+        np.array(outcome.interval_mm),
+        guard_mm,
+        conditions,
+    )
+    return replace(measurement, decision=decided)
 
 
 def _interval(measurement: Measurement, guard_mm: float | None) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from pivometer.errors import PivometerError
 from pivometer.io.result import result_content
 from pivometer.io.session import load
 from pivometer.measurement import Measurement, Options, Provenance
+from pivometer.pipeline.checking import with_decision
 from pivometer.pipeline.differences import differences
 from pivometer.pipeline.examining import Examined, Opened, named, opened_file, seal_examined
 from pivometer.pipeline.measuring import measure
@@ -183,7 +184,7 @@ def _other_versions(provenance: Provenance, again: Measurement) -> str:
 def _measured_again(
     measurement: Measurement, options: Options, folder: Path, progress: Progress | None
 ) -> Measurement:
-    return measure(
+    again = measure(
         load(folder),
         rig=measurement.calibration if options.rig_given else None,
         method=options.method,  # type: ignore[arg-type]
@@ -192,3 +193,7 @@ def _measured_again(
         centerline=options.centerline,  # type: ignore[arg-type]
         progress=progress,
     )
+    decided = measurement.decision
+    if decided is None:
+        return again
+    return with_decision(again, decided.limit_mm, guard_mm=decided.guard_mm)

@@ -30,7 +30,7 @@ from pivometer.report.structure_tables import (
 from pivometer.report.tables import Table
 from pivometer.report.target import deciding_poses, mean_shaft_view, target_plot
 from pivometer.report.thumbnails import Thumbnail
-from pivometer.report.verdict import DECISION_RULE, verdict
+from pivometer.report.verdict import verdict
 from pivometer.shaft.across import EdgeProfiles
 
 
@@ -94,7 +94,6 @@ def render_html(
         **_figures(measurement),
         **_tables(measurement),
         captions=captions,
-        decision_rule=DECISION_RULE,
         sealed=SEALED,
         roles=roles(measurement),
         structure=_structure(measurement),

@@ -25,7 +25,7 @@ from pivometer.report.svg_style import standalone
 from pivometer.report.tables import Table
 from pivometer.report.target import deciding_poses, target_plot
 from pivometer.report.thumbnails import Thumbnail
-from pivometer.report.verdict import DECISION_RULE, verdict
+from pivometer.report.verdict import verdict
 from pivometer.shaft.across import EdgeProfiles
 
 Block = dict[str, Any]
@@ -97,8 +97,16 @@ class Paper:
     def _verdict(self) -> Iterator[Block]:
         told = verdict(self.measurement)
         yield {"block": "verdict", "usable": told.usable, "text": told.sentence}
+        if told.decision:
+            yield {
+                "block": "verdict",
+                "usable": not told.decision.startswith("✕"),
+                "text": told.decision,
+            }
+        yield _text(told.rule)
+        if self.measurement.decision is not None:
+            yield {"block": "list", "items": [*self.measurement.decision.conditions]}
         yield _text(told.rejected)
-        yield _text(DECISION_RULE)
         for one in self.measurement.findings:
             yield {
                 "block": "finding",

@@ -7,7 +7,14 @@ from pivometer.measurement import Measurement
 from pivometer.report.digits import error_decimals, fixed, with_uncertainty
 from pivometer.uncertainty.propagation import LinesUncertainty, LocationUncertainty
 
-DECISION_RULE = (
+_OUTCOMES = {
+    "pass": "✓ Pass",
+    "over": "✕ Over the limit",
+    "inconclusive": "? Inconclusive",
+    "invalid": "✕ No decision, a condition of validity is not met",
+}
+
+NO_LIMIT = (
     "Decision rule: no limit is stated, so nothing is passed or failed here. Against a limit "
     "(pivometer check --limit), the 95 % interval of the robot’s own largest miss decides: pass if "
     "its upper end keeps the limit, over if its lower end exceeds it, inconclusive otherwise "
@@ -28,11 +35,17 @@ class Verdict:
         where the answer is refused.
     rejected
         What was thrown out, in one sentence.
+    decision
+        Whether a limit is kept, in one sentence; empty where none was stated.
+    rule
+        By which rule that is, or would be, decided.
     """
 
     usable: bool
     sentence: str
     rejected: str
+    decision: str
+    rule: str
 
 
 def verdict(measurement: Measurement) -> Verdict:
@@ -48,7 +61,16 @@ def verdict(measurement: Measurement) -> Verdict:
             "The RCM could not be measured at acceptable confidence; the figures below show what "
             "was seen and must not be used."
         )
-    return Verdict(usable, sentence, _rejected(measurement))
+    decided = measurement.decision
+    rule = NO_LIMIT if decided is None else f"Decision rule: {decided.rule}."
+    return Verdict(usable, sentence, _rejected(measurement), _decision(measurement), rule)
+
+
+def _decision(measurement: Measurement) -> str:
+    decided = measurement.decision
+    if decided is None:
+        return ""
+    return f"{_OUTCOMES[decided.decision]}: {decided.text}."
 
 
 def _misses(measurement: Measurement) -> str:
