@@ -2,7 +2,7 @@
 
 Run: python -m benchmarks.app [--frames 10000]
 
-Folders of one board picture play the cameras at 60 pictures a second, faster than the page can
+Folders of two board pictures play the cameras at 60 pictures a second, faster than the page can
 show them, so that what is counted is what the app and the browser do. Beside each rate stands the
 processor time that server and browser took, in cores, and the computer's load before: other work on
 the machine lowers the rates.
@@ -49,9 +49,10 @@ def board_pictures(width: int, height: int) -> dict[str, Image]:
 
 
 def make_session(folder: Path, width: int, height: int) -> None:
-    """Describe a session whose cameras are folders of one picture."""
+    """Describe a session whose cameras are folders of two pictures."""
     for name, image in board_pictures(width, height).items():
         write_image(folder / "play" / name / "0.png", image)
+        write_image(folder / "play" / name / "1.png", np.roll(image, 1, axis=1))
     board = Board("checkerboard", (9, 7), 15.0)
     pipeline.describe(folder / "session", Settings(board, 10.0, CAMERAS, "left", {}, {}, ""))
     sources = {name: str(folder / "play" / name) for name in CAMERAS}

@@ -85,8 +85,7 @@ async def _next_preview(work: Work, camera: str, after: int) -> Response:
         feed = work.feeds.get(camera)
         if feed is None or feed.fault is not None:
             return Response(status_code=204, headers={**_FRESH, "X-Lost": "yes"})
-        frames = feed.frames
-        if frames and frames[-1].number != after:
+        if feed.frames and feed.version != after:
             number, jpeg = await asyncio.to_thread(feed.jpeg)
             fresh: Mapping[str, str] = {**_FRESH, "X-Frame": str(number)}
             return Response(jpeg, media_type="image/jpeg", headers=dict(fresh))

@@ -10,7 +10,7 @@ from pivometer.app.watcher import Watcher
 from pivometer.app.work import Work
 from pivometer.calibration.gathering import Gathering, Moment, gathering, says_something_new
 from pivometer.calibration.glimpse import BoardGlimpse, glimpse
-from pivometer.io.images import read_image
+from pivometer.io.images import Image, read_image
 from pivometer.io.session import ImageFile, Session
 from pivometer.io.sources import Frame
 
@@ -38,6 +38,7 @@ class BoardTask:
         self.version = 0
         self.gathering: Gathering | None = None
         self._work, self._watcher = work, watcher
+        self._glimpsed: dict[str, tuple[Image, BoardGlimpse | None]] = {}
 
     def prepare(self) -> None:
         """Look at the board pictures that are in the folder already."""
@@ -76,10 +77,7 @@ class BoardTask:
             return
         seen: dict[str, BoardGlimpse] = {}
         for name, frame in moment.items():
-            board = glimpse(frame.image, session.board)
-            feed = self._work.feeds.get(name)
-            if feed is not None:
-                feed.marks = () if board is None else (Mark(board.pixels, "dots", ORANGE),)
+            board = self._glimpse(name, frame, session)
             if board is not None:
                 seen[name] = board
         self.told = _told(seen, session, self._watcher.still_s)
@@ -89,6 +87,18 @@ class BoardTask:
             self._take(session, {name: moment[name] for name in seen})
         elif wanted:
             self.told = "No camera sees the whole board, so nothing was taken."
+
+    def _glimpse(self, name: str, frame: Frame, session: Session) -> BoardGlimpse | None:
+        """Look for the board and draw it, unless the picture is the very one looked at before."""
+        known = self._glimpsed.get(name)
+        feed = self._work.feeds.get(name)
+        if known is not None and known[0] is frame.image and feed is not None and feed.marks:
+            return known[1]
+        board = glimpse(frame.image, session.board)
+        self._glimpsed[name] = frame.image, board
+        if feed is not None:
+            feed.marks = () if board is None else (Mark(board.pixels, "dots", ORANGE),)
+        return board
 
     def _worth(self, seen: Mapping[str, BoardGlimpse], session: Session) -> bool:
         """Tell whether what is seen is unlike everything before, for one of the cameras at least.

@@ -53,7 +53,8 @@ class Feed:
     def __init__(self, name: str, source: Source) -> None:
         self.name = name
         self.fault: str | None = None
-        self.marks: Sequence[Mark] = ()
+        self.version = 0
+        self._marks: Sequence[Mark] = ()
         self._source = source
         self._frames: deque[Frame] = deque(maxlen=KEPT)
         self._stop = threading.Event()
@@ -63,11 +64,25 @@ class Feed:
     def _read(self) -> None:
         try:
             while not self._stop.is_set():
-                self._frames.append(self._source.read())
+                frame = self._source.read()
+                if not self._frames or self._frames[-1].image is not frame.image:
+                    self.version += 1
+                self._frames.append(frame)
         except PivometerError as error:
             self.fault = str(error)
         finally:
             self._source.close()
+
+    @property
+    def marks(self) -> Sequence[Mark]:
+        """What is drawn over the previews."""
+        return self._marks
+
+    @marks.setter
+    def marks(self, marks: Sequence[Mark]) -> None:
+        if marks or self._marks:
+            self._marks = marks
+            self.version += 1  # the preview is another one, although the picture is the same
 
     @property
     def frames(self) -> tuple[Frame, ...]:
@@ -88,9 +103,9 @@ class Feed:
         self._thread.join(timeout=2.0)
 
     def jpeg(self) -> tuple[int, bytes]:
-        """Return the newest frame's number and its preview; there must be one."""
-        frame = self.frames[-1]
-        return frame.number, preview(frame.image, self.marks)
+        """Return the version and the preview of the newest frame; there must be one."""
+        version, frame = self.version, self.frames[-1]
+        return version, preview(frame.image, self._marks)
 
 
 def same_moment(feeds: Mapping[str, Feed]) -> dict[str, Frame] | None:

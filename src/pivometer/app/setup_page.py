@@ -120,9 +120,9 @@ class _Cameras:
     async def _check(self) -> None:
         if not self._work.feeds:
             return
-        checks, lost, lags = await asyncio.to_thread(self._look)
+        checks, lags = await asyncio.to_thread(self._look)
         faults = [f"Camera {one.name} {fault}." for one in checks for fault in one.faults]
-        faults += [f"Camera {name} is lost: {fault}." for name, fault in lost.items()]
+        faults += [lost] if (lost := self._work.lost()) else []
         for name, lag in lags.items():
             if lag is not None and abs(lag) > SYNCHRONOUS_S:
                 faults.append(
@@ -132,15 +132,13 @@ class _Cameras:
         self._told.say(" ".join(faults) or "All checks pass.", "warn" if faults else "good")
         self._lines.set("; ".join([*map(_line, checks), *(_lag(n, v) for n, v in lags.items())]))
 
-    def _look(self) -> tuple[list[CameraCheck], dict[str, str], dict[str, float | None]]:
-        checks, lost = [], {}
-        for name, feed in self._work.feeds.items():
-            frames = feed.frames
-            if feed.fault is not None:
-                lost[name] = feed.fault
-            elif frames:
-                checks.append(check_camera(name, frames[-1].image, feed.rate_hz))
-        return checks, lost, self._watcher.offsets_s()
+    def _look(self) -> tuple[list[CameraCheck], dict[str, float | None]]:
+        checks = [
+            check_camera(name, feed.frames[-1].image, feed.rate_hz)
+            for name, feed in self._work.feeds.items()
+            if feed.frames and feed.fault is None
+        ]
+        return checks, self._watcher.offsets_s()
 
 
 def _line(one: CameraCheck) -> str:

@@ -13,6 +13,7 @@ from pivometer.app.feeds import CYAN, ORANGE, Mark
 from pivometer.app.watcher import Watcher
 from pivometer.app.work import Work
 from pivometer.errors import PivometerError
+from pivometer.io.images import Image
 from pivometer.io.sources import Frame
 from pivometer.measurement import Measurement
 from pivometer.pipeline.live_shaft import LivePose, LiveShaft, is_new_pose
@@ -42,6 +43,7 @@ class ShaftTask:
         self.refused = ""
         self.history: list[tuple[int, float]] = []
         self._work, self._watcher, self._shaft = work, watcher, shaft
+        self._glimpsed: tuple[int, Mapping[str, Image], LivePose] | None = None
         self._changed = threading.Event()
         self._measuring = threading.Lock()
 
@@ -81,18 +83,27 @@ class ShaftTask:
 
     def look(self, moment: Mapping[str, Frame], still: bool) -> None:
         """Draw the edges, and take the moment if it is asked for or says something new."""
-        if self._watcher.still_s == 0:  # rather no edges than those of a moment ago
-            for feed in self._work.feeds.values():
-                feed.marks = ()
-        pose = self._shaft.glimpse({name: frame.image for name, frame in moment.items()})
-        self.now = pose.direction
-        for name, feed in self._work.feeds.items():
-            feed.marks = _marks(pose.edges_px.get(name))
+        pose = self._glimpse({name: frame.image for name, frame in moment.items()})
         self.told = self._said(pose)
         wanted = self.asked or (self.automatic and still and self._worth(pose))
         self.asked = False
         if wanted:
             self._take(moment)
+
+    def _glimpse(self, images: Mapping[str, Image]) -> LivePose:
+        """Look for the shaft and draw it, unless these very pictures were looked at before."""
+        known = self._glimpsed
+        if known is not None and known[0] == self.version and _same(known[1], images):
+            return known[2]
+        if self._watcher.still_s == 0:  # rather no edges than those of a moment ago
+            for feed in self._work.feeds.values():
+                feed.marks = ()
+        pose = self._shaft.glimpse(images)
+        self._glimpsed = self.version, images, pose
+        self.now = pose.direction
+        for name, feed in self._work.feeds.items():
+            feed.marks = _marks(pose.edges_px.get(name))
+        return pose
 
     def _worth(self, pose: LivePose) -> bool:
         """Tell whether the shaft is turned unlike all poses; before that is known, all are."""
@@ -124,6 +135,10 @@ class ShaftTask:
 
 LEARNING = 6
 """Poses up to which a moment in which no shaft is found is taken all the same."""
+
+
+def _same(a: Mapping[str, Image], b: Mapping[str, Image]) -> bool:
+    return a.keys() == b.keys() and all(a[name] is b[name] for name in a)
 
 
 def _marks(edges_px: Floats | None) -> tuple[Mark, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from pivometer.app.work import Work
 from pivometer.errors import PivometerError
+from pivometer.io.images import Image
 from pivometer.io.sources import Frame
 from pivometer.pipeline.watching import Small, Stillness, differ, motion, offset_s, reduced
 
@@ -46,6 +47,7 @@ class Watcher(threading.Thread):
         self._numbers: dict[str, int] = {}
         self._stillness: dict[str, Stillness] = {}
         self._last: dict[str, Small] = {}
+        self._images: dict[str, Image] = {}
         self._captured: dict[str, Small] = {}
         self._motion: dict[str, deque[tuple[float, float]]] = {}
 
@@ -108,8 +110,10 @@ class Watcher(threading.Thread):
         """Follow motion and stillness; tell whether the scene rests and is another than before."""
         rests = []
         for name, frame in moment.items():
-            small = reduced(frame.image)
             before = self._last.get(name)
+            old = self._images.get(name)
+            small = before if before is not None and old is frame.image else reduced(frame.image)
+            self._images[name] = frame.image
             if before is not None and before.shape == small.shape:
                 series = self._motion.setdefault(name, deque(maxlen=_MEMORY))
                 series.append((frame.time_s, motion(small, before)))

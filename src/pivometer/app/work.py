@@ -140,6 +140,11 @@ class Work:
             feed.close()
         self.feeds = {}
 
+    def lost(self) -> str:
+        """Say which cameras are lost, and why; empty where none is."""
+        lost = [f"Camera {n} is lost: {f.fault}." for n, f in self.feeds.items() if f.fault]
+        return " ".join([*lost, "Open the cameras again in step 1."] if lost else [])
+
     def moment(self) -> dict[str, Frame] | None:
         """Return every camera's frame of the newest moment that all have."""
         return same_moment(self.feeds)

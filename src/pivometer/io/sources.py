@@ -23,6 +23,8 @@ from pivometer.io.session import natural_order
 USUAL_RATE_HZ = 15.0
 LEAST_RATE_HZ = 15.0
 """Of the frames of an image folder; its pictures may change more slowly."""
+MOST_REMEMBERED_BYTES = 64_000_000
+"""Of a folder's images: a short one, played over and over, is read once."""
 _STEP = (
     "name a capture device (device 0), a folder of images, or a video: "
     f"{', '.join(sorted(video.EXTENSIONS))}"
@@ -145,19 +147,21 @@ class PlayedImages:
             raise UsageError("holds no images", next_step=_STEP, path=folder)
         self._times = max(1, round(LEAST_RATE_HZ / rate_hz))
         self._ticks = _Ticks(rate_hz * self._times, start_s)
-        self._last: tuple[Path, Image] | None = None
+        self._images: dict[Path, Image] = {}
 
     def read(self) -> Frame:
-        """Wait for the next image's turn and read it."""
+        """Wait for the next image's turn and read it, unless it is remembered."""
         tick, due = self._ticks.wait()
         path = self._files[tick // self._times % len(self._files)]
-        if self._last is None or self._last[0] != path:
-            self._last = path, read_image(path)
-        return Frame(self._last[1], due, tick)
+        if path not in self._images:
+            if sum(image.nbytes for image in self._images.values()) > MOST_REMEMBERED_BYTES:
+                self._images.clear()
+            self._images[path] = read_image(path)
+        return Frame(self._images[path], due, tick)
 
     def close(self) -> None:
-        """Forget the image."""
-        self._last = None
+        """Forget the images."""
+        self._images.clear()
 
 
 class PlayedVideo:
