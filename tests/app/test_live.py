@@ -15,7 +15,7 @@ from pivometer.app.watcher import HOLD_S, Watcher
 from pivometer.app.work import Work
 from pivometer.errors import ImageError
 from pivometer.io.images import write_image
-from pivometer.io.sources import Frame
+from pivometer.io.live import Frame
 
 
 class Scripted:

@@ -11,8 +11,8 @@ from pivometer.app.work import Work
 from pivometer.calibration.gathering import Gathering, Moment, gathering, says_something_new
 from pivometer.calibration.glimpse import BoardGlimpse, glimpse
 from pivometer.io.images import Image, read_image
+from pivometer.io.live import Frame
 from pivometer.io.session import ImageFile, Session
-from pivometer.io.sources import Frame
 
 Seen = tuple[BoardGlimpse, tuple[int, int]]
 

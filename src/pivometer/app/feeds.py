@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pivometer.errors import PivometerError
 from pivometer.io.images import Image
-from pivometer.io.sources import Frame, Source
+from pivometer.io.live import Frame, Source
 
 KEPT = 12
 """Frames of each camera that are kept to find those of one moment: under a second."""

@@ -76,7 +76,8 @@ class SetupForm:
         tag("h2", "Cameras")
         tag(
             "p",
-            "A camera is a capture device (device 0), a folder of images or a video file. The "
+            "A camera is a capture device (device 0), a folder of images, a video file, a topic of "
+            "a ROS bag (run.bag#/left/image_raw) or a GenICam camera (genicam producer.cti 0). The "
             "first one is the reference: results are in its frame.",
         ).classes("lead")
         self._box = ui.element("div").classes("pairs")

@@ -14,7 +14,7 @@ from pivometer.app.watcher import Watcher
 from pivometer.app.work import Work
 from pivometer.errors import PivometerError
 from pivometer.io.images import Image
-from pivometer.io.sources import Frame
+from pivometer.io.live import Frame
 from pivometer.measurement import Measurement
 from pivometer.pipeline.live_shaft import LivePose, LiveShaft, is_new_pose
 

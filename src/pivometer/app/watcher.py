@@ -13,7 +13,7 @@ import numpy as np
 from pivometer.app.work import Work
 from pivometer.errors import PivometerError
 from pivometer.io.images import Image
-from pivometer.io.sources import Frame
+from pivometer.io.live import Frame
 from pivometer.pipeline.watching import Small, Stillness, differ, motion, offset_s, reduced
 
 HOLD_S = 0.4

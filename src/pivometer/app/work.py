@@ -10,8 +10,9 @@ from pivometer import pipeline
 from pivometer.app.feeds import Feed, same_moment
 from pivometer.calibration.glimpse import BoardGlimpse
 from pivometer.errors import PivometerError, UsageError
+from pivometer.io.live import Frame
 from pivometer.io.session import Session
-from pivometer.io.sources import USUAL_RATE_HZ, Frame, open_source
+from pivometer.io.sources import USUAL_RATE_HZ, open_source
 from pivometer.measurement import Measurement
 from pivometer.pipeline.live_shaft import LiveShaft
 from pivometer.pipeline.reading import Progress

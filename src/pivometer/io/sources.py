@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import cv2
 import numpy as np
 
-from pivometer.errors import ImageError, PivometerError, UsageError
+from pivometer.errors import ImageError, UsageError
 from pivometer.io import video
+from pivometer.io.bags import EXTENSIONS as BAGS
+from pivometer.io.bags import PlayedBag, is_bag
+from pivometer.io.genicam import GenicamCamera, genicam_words
 from pivometer.io.images import EXTENSIONS, Image, read_image
+from pivometer.io.live import Frame, Source
 from pivometer.io.session import natural_order
 
 USUAL_RATE_HZ = 15.0
@@ -26,44 +28,11 @@ LEAST_RATE_HZ = 15.0
 MOST_REMEMBERED_BYTES = 64_000_000
 """Of a folder's images: a short one, played over and over, is read once."""
 _STEP = (
-    "name a capture device (device 0), a folder of images, or a video: "
-    f"{', '.join(sorted(video.EXTENSIONS))}"
+    "name a capture device (device 0), a folder of images, a video "
+    f"({', '.join(sorted(video.EXTENSIONS))}), or a ROS bag and its topic ("
+    f"{', '.join(sorted(BAGS))}, as in run.bag#/left/image_raw), "
+    "or a GenICam camera (genicam producer.cti 0)"
 )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Frame:
-    """One picture of a live source.
-
-    Parameters
-    ----------
-    image
-        Grey image, shape (height, width), uint8 or uint16.
-    time_s
-        When it was taken, on the clock of `time.monotonic`, s.
-    number
-        Counts the source's frames from 0; those that were skipped count too.
-    """
-
-    image: Image
-    time_s: float
-    number: int
-
-
-class Source(Protocol):
-    """Something that gives frames, one after the other."""
-
-    def read(self) -> Frame:
-        """Wait for the next frame and return it.
-
-        Raises
-        ------
-        PivometerError
-            If there is none: the camera was pulled, the file is damaged.
-        """
-
-    def close(self) -> None:
-        """Give back what the source holds."""
 
 
 def open_source(text: str, *, rate_hz: float = USUAL_RATE_HZ, start_s: float = 0.0) -> Source:
@@ -72,7 +41,8 @@ def open_source(text: str, *, rate_hz: float = USUAL_RATE_HZ, start_s: float = 0
     Parameters
     ----------
     text
-        ``"device 0"``, a folder of images, or a video file.
+        ``"device 0"``, a folder of images, a video file, or a ROS bag with a topic,
+        ``"run.bag#/left/image_raw"``, or a GenICam camera, ``"genicam producer.cti 0"``.
     rate_hz
         Pictures per second at which folders and videos are played.
     start_s
@@ -88,9 +58,14 @@ def open_source(text: str, *, rate_hz: float = USUAL_RATE_HZ, start_s: float = 0
     words = text.split()
     if len(words) == 2 and words[0] == "device" and words[1].isdecimal():
         return Device(int(words[1]))
-    path = Path(text).expanduser()
+    if industrial := genicam_words(text):
+        return GenicamCamera(Path(industrial[0]).expanduser(), industrial[1])
+    name, _, topic = text.partition("#")
+    path = Path(name if is_bag(Path(name).expanduser()) else text).expanduser()
     if not text.strip() or not path.exists():
         raise UsageError("no such source", next_step=_STEP, path=text or None)
+    if is_bag(path):
+        return PlayedBag(path, topic, start_s)
     if path.is_dir():
         return PlayedImages(path, rate_hz, start_s)
     if path.suffix.lower() in video.EXTENSIONS:
@@ -238,12 +213,3 @@ def _grey(pixels: cv2.typing.MatLike) -> Image:
     if pixels.dtype == np.uint16:
         return np.ascontiguousarray(pixels, dtype=np.uint16)
     return np.ascontiguousarray(pixels, dtype=np.uint8)
-
-
-def source_fault(text: str) -> str | None:
-    """Say why something cannot be opened as a camera; `None` where it can."""
-    try:
-        open_source(text).close()
-    except PivometerError as error:
-        return str(error)
-    return None
