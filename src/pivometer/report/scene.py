@@ -67,13 +67,17 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """A polyline (`kind` "line"), or a mark at one point ("label", "dot", "cross", "sphere")."""
+    """A polyline (`kind` "line"), or a mark at one point ("label", "dot", "cross", "sphere").
+
+    What belongs to a pose has its number in `pose`, by which it can be picked.
+    """
 
     kind: str
     points_mm: Floats
     name: str
     text: str = ""
     radius_mm: float = 0.0
+    pose: str = ""
 
 
 def scene(measurement: Measurement, numbers: Sequence[int]) -> Scene:
@@ -158,9 +162,9 @@ def _poses(measurement: Measurement, numbers: Sequence[int], half_mm: float) -> 
         mark = " worst" if pose.pose in worst else ""
         ends = np.array([foot - half_mm * direction, foot + half_mm * direction])
         parts += [
-            Part("line", ends, f"centerline{mark}", pose.pose),
-            Part("line", np.array([focus, foot]), f"miss{mark}"),
-            Part("dot", foot, f"dot{mark}", str(label)),
+            Part("line", ends, f"centerline{mark}", pose.pose, pose=str(label)),
+            Part("line", np.array([focus, foot]), f"miss{mark}", pose=str(label)),
+            Part("dot", foot, f"dot{mark}", str(label), pose=str(label)),
         ]
     return parts
 
@@ -168,12 +172,14 @@ def _poses(measurement: Measurement, numbers: Sequence[int], half_mm: float) -> 
 def _drawn(part: Part, rotation: Floats, middle_mm: Floats, scale: float) -> Markup:
     """Project a part (orthographic: x right, y down) and build its element."""
     flat = (np.atleast_2d(part.points_mm) - middle_mm) @ rotation[:2].T * scale
-    data = _numbers(part.points_mm, 4)
+    told = {"class_": part.name, "data_p": _numbers(part.points_mm, 4)}
+    if part.pose:
+        told["data_pose"] = part.pose
     if part.kind == "line":
         inner = [tag("title", part.text)] if part.text else []
-        return tag("polyline", *inner, points=points(flat.tolist()), class_=part.name, data_p=data)
+        return tag("polyline", *inner, points=points(flat.tolist()), **told)
     place = f"translate({number(flat[0, 0])},{number(flat[0, 1])})"
-    return tag("g", *_mark(part, scale), transform=place, class_=part.name, data_p=data)
+    return tag("g", *_mark(part, scale), transform=place, **told)
 
 
 def _mark(part: Part, scale: float) -> list[Markup]:

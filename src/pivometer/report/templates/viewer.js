@@ -86,9 +86,46 @@
     event.preventDefault();
   });
 
-  let last = null;
+  const list = document.getElementById("scene-pose"), told = document.getElementById("scene-picked");
+  const ofPoses = [...svg.querySelectorAll("[data-pose]")];
+  function pick(pose) {
+    for (const element of ofPoses) element.classList.toggle("picked", element.dataset.pose === pose);
+    svg.classList.toggle("picking", pose !== "");
+    list.value = pose;
+    told.replaceChildren();
+    if (!pose) return;
+    const link = document.createElement("a");
+    link.href = `#pose-${pose}`;
+    link.textContent = `Pose ${list.selectedOptions[0].text}`;
+    told.append(link, `: ${list.selectedOptions[0].dataset.told}`);
+  }
+  list.addEventListener("change", () => pick(list.value));
+
+  // The pose whose line or dot is nearest to a click, if one is near.
+  function nearest(event) {
+    const q = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
+    const at = [q.x - svg.viewBox.baseVal.width / 2, q.y - svg.viewBox.baseVal.height / 2];
+    let best = "", least = 9;
+    for (const element of ofPoses) {
+      const dot = element.tagName === "g";
+      if (dot !== svg.classList.contains("near")) continue;
+      const ends = dot
+        ? [numbers(element.getAttribute("transform").replace(/[^-\d.]+/g, " "))]
+        : element.getAttribute("points").split(" ").map((p) => p.split(",").map(Number));
+      const away = distance(at, ends[0], ends.at(-1));
+      if (away < least) [best, least] = [element.dataset.pose, away];
+    }
+    return best;
+  }
+  function distance([x, y], [ax, ay], [bx, by]) {
+    const [dx, dy] = [bx - ax, by - ay], long = dx * dx + dy * dy;
+    const t = long ? Math.min(1, Math.max(0, ((x - ax) * dx + (y - ay) * dy) / long)) : 0;
+    return Math.hypot(x - ax - t * dx, y - ay - t * dy);
+  }
+
+  let last = null, start = null;
   svg.addEventListener("pointerdown", (event) => {
-    last = [event.clientX, event.clientY];
+    last = start = [event.clientX, event.clientY];
     svg.setPointerCapture(event.pointerId);
   });
   svg.addEventListener("pointermove", (event) => {
@@ -97,7 +134,10 @@
     last = [event.clientX, event.clientY];
   });
   const release = () => { last = null; };
-  svg.addEventListener("pointerup", release);
+  svg.addEventListener("pointerup", (event) => {
+    if (last && Math.hypot(event.clientX - start[0], event.clientY - start[1]) < 4) pick(nearest(event));
+    release();
+  });
   svg.addEventListener("pointercancel", release);
   // The wheel scrolls the page unless the view was clicked or tabbed to.
   svg.addEventListener("wheel", (event) => {
