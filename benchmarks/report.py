@@ -1,8 +1,8 @@
 """Time and size of a report of 70 poses, as page and as PDF, each in a process of its own.
 
-Targets: page 2 s and 6 MB, PDF 1 s once measured; `measure` draws the PDF after the page. Processor time, so that a busy machine counts
-less; imports are stated apart. Without a report to draw again, a session is simulated and measured
-first (two minutes).
+Targets: page 2 s and 6 MB, PDF 1 s once measured; `measure` draws the PDF after the page. Processor
+time, so that a busy machine counts less; imports do not count. Without a report to draw again, a
+session is simulated and measured first (two minutes).
 
 Run: OMP_NUM_THREADS=1 python -m benchmarks.report [REPORT.html]
 """
