@@ -26,15 +26,14 @@ from pivometer.shaft.rungs import (
     OUT,
     OUT_RAMP,
     RAMP,
-    Behind,
     Blur,
-    EdgeRows,
     Rest,
     Rung,
     evaluate,
-    misfit,
+    misfits,
     solve,
 )
+from pivometer.shaft.samples import Behind, Samples, binned, pixels
 
 Lines = tuple[EdgeLine, EdgeLine]
 
@@ -83,13 +82,18 @@ CLEAR_PX = 3.0
 twice the noise's mean square beside a ramp."""
 
 GATE_SIGMAS = 5.0
-GATE_AT = 2
 LEAST_USED = 0.4
 FIRST_ITERATIONS = 6
-CONVERGING_ITERATIONS = 4
+CONVERGING_ITERATIONS = 8
 LAST_ITERATIONS = 2
 FIRST_PX = 0.02
 LINEAR_PX = 0.01
+"""After a step that small its square over the blur is left, 0.0001 px. With 0.03 Lambert-shaded
+edges were twice as far off: Lepskii compares estimates that differ by little."""
+
+SPARE_PX = 1.0
+"""Windows may move so far with their edges."""
+
 WIDER = 1.25
 STEP_LIMIT_PX = np.array([0.7, 0.7, 0.7, 0.7, 0.3])
 BLUR_RANGE_PX = (0.3, 4.0)
@@ -106,37 +110,56 @@ class _Tried:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Edges:
-    """The pixels of both edges and what every evaluation needs."""
+class _Window:
+    """The pixels beside both edges, the shaft's half width in every row, and what lies behind."""
 
     bands: Strip
     lines: Lines
-    rows: tuple[EdgeRows, EdgeRows]
+    half_px: Floats
+    behind: Behind | None
     blur: Blur
-    noise: float
 
     @property
     def widen(self) -> float:
         return max(1.0, self.blur.mean_px)
 
-    def rests(self, rungs: Sequence[Rung], parameters: Floats) -> tuple[Rest, Rest]:
-        first, second = (
-            evaluate(self.rows[e], rungs[e], parameters[[2 * e, 2 * e + 1, 4]], self.widen)
-            for e in (0, 1)
-        )
-        return first, second
+    def pixels(self, rung: Rung, rows: Floats) -> Samples:
+        """Return the pixels that a rung looks at, and the next one if the edge moves by a pixel."""
+        reach = -rung.inner_px * self.widen - SPARE_PX, rung.outer_px * self.widen + SPARE_PX
+        return pixels(self.bands, self.half_px, rows, self.behind, reach)
 
-    def moved(self, rungs: Sequence[Rung], parameters: Floats) -> tuple[Floats, Floats, float]:
-        """Return the parameters after a Gauss–Newton step, their covariance, and its length."""
-        step, covariance = solve(self.rests(rungs, parameters), self.noise, self.blur, parameters)
-        return _stepped(parameters, step), covariance, float(np.abs(step).max())
+    def binned(self, rung: Rung, rows: Floats, parameters: Floats) -> Samples:
+        reach = -rung.inner_px * self.widen - SPARE_PX, rung.outer_px * self.widen + SPARE_PX
+        return binned(self.pixels(rung, rows), parameters, reach)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Edges:
+    """The rows of both edges that are alike, in bins, and what every evaluation needs."""
+
+    window: _Window
+    rows: Floats
+    samples: Samples
+    noise: float
+
+    def step(self, rung: Rung, parameters: Floats) -> tuple[Rest, Floats, Floats]:
+        """Return a rung's rest, the Gauss–Newton step from here and its covariance."""
+        rest = evaluate(self.samples, rung, parameters, self.window.widen)
+        return rest, *solve([rest], self.noise, self.window.blur, parameters)
 
     def tried(self, rung: Rung, parameters: Floats) -> _Tried:
-        rests = self.rests((rung, rung), parameters)
-        step, covariance = solve(rests, self.noise, self.blur, parameters)
-        first, second = (misfit(rests[e], step[[2 * e, 2 * e + 1, 4]], self.noise) for e in (0, 1))
-        after = _stepped(parameters, step)
-        return _Tried(after, covariance, (first, second), float(np.abs(step).max()))
+        rest, step, covariance = self.step(rung, parameters)
+        found = misfits(rest, step, self.noise)
+        return _Tried(_stepped(parameters, step), covariance, found, float(np.abs(step).max()))
+
+    def converged(self, rung: Rung, parameters: Floats) -> Floats:
+        """Return a rung's estimate from a start that is near."""
+        for _ in range(CONVERGING_ITERATIONS):
+            _, step, _ = self.step(rung, parameters)
+            parameters = _stepped(parameters, step)
+            if np.abs(step).max() < LINEAR_PX:
+                break
+        return parameters
 
 
 def _stepped(parameters: Floats, step: Floats) -> Floats:
@@ -176,11 +199,14 @@ def fit_ladder(
     if width_px(lines) / 2 < LEAST_HALF_PX * widen:
         return None
     rungs = [rung for rung in RUNGS if rung.inner_px * widen <= width_px(lines) / 2]
-    reach = rungs[0].inner_px * widen + 0.5, RUNGS[0].outer_px * widen + 0.5
+    reach = rungs[0].inner_px * widen + SPARE_PX, RUNGS[0].outer_px * widen + SPARE_PX
     near = maps[0].towards(lines[0]), maps[1].towards(lines[1])
     bands = strip(turned, near, lines, near_px=reach, inner_px=0.0, outer_px=0.0)
+    middle = bands.lever[..., bands.lever.shape[2] // 2, None]
+    half = np.maximum(width_px(lines) / 2 + tapers_px(lines)[..., 0] * middle, 1.0)
     behind = None if background is None else _behind(background, near, lines, reach)
-    first = _first(bands, lines, blur, behind)
+    window = _Window(bands, lines, half, behind, blur)
+    first = _first(window, rungs[0])
     if first is None:
         return None
     edges, parameters = first
@@ -213,61 +239,56 @@ def _behind(
     return Behind(planes[0], slope)
 
 
-def _edges(
-    bands: Strip, lines: Lines, valid: Floats, blur: Blur, noise: float, behind: Behind | None
-) -> _Edges:
-    middle = bands.lever[..., bands.lever.shape[2] // 2, None]
-    halves = np.maximum(width_px(lines) / 2 + tapers_px(lines)[..., 0] * middle, 1.0)
-    first, second = (EdgeRows.of(bands, halves, valid, behind, edge) for edge in (0, 1))
-    return _Edges(bands, lines, (first, second), blur, noise)
-
-
-def _first(
-    bands: Strip, lines: Lines, blur: Blur, behind: Behind | None
-) -> tuple[_Edges, Floats] | None:
+def _first(window: _Window, widest: Rung) -> tuple[_Edges, Floats] | None:
     """Return the edges with rows and noise, and parameters from a narrow window."""
-    parameters = np.array([0.0, 0.0, 0.0, 0.0, blur.mean_px])
-    edges = _edges(bands, lines, bands.valid, blur, 1.0, behind)
-    for iteration in range(FIRST_ITERATIONS):
-        rests = edges.rests((FIRST, FIRST), parameters)
-        noise = _noise(rests)
-        if iteration == GATE_AT:
-            alike = np.stack([_alike_rows(rest) for rest in rests]) * bands.valid
-            if (alike.sum(axis=1) < LEAST_USED * np.maximum(bands.valid.sum(axis=1), 1)).any():
-                return None
-            edges = _edges(bands, lines, alike, blur, noise, behind)
-        step, _ = solve(rests, noise, blur, parameters)
+    valid = window.bands.valid
+    parameters = np.array([0.0, 0.0, 0.0, 0.0, window.blur.mean_px])
+    edges = _Edges(window, valid, window.binned(FIRST, valid, parameters), 1.0)
+    for _ in range(FIRST_ITERATIONS):
+        _, step, _ = edges.step(FIRST, parameters)
         parameters = _stepped(parameters, step)
-        if iteration > GATE_AT and np.abs(step).max() < FIRST_PX:
+        if np.abs(step).max() < FIRST_PX:
             break
-    around = edges.rests((SURROUNDINGS, SURROUNDINGS), parameters)
-    if np.mean(np.concatenate([_cluttered(rest, noise) for rest in around])) > (
-        LARGEST_CLUTTERED_PART
-    ):
+    rest = evaluate(window.pixels(FIRST, valid), FIRST, parameters, window.widen)
+    alike = _alike_rows(rest) * valid
+    if (alike.sum(axis=1) < LEAST_USED * np.maximum(valid.sum(axis=1), 1)).any():
         return None
-    return _edges(bands, lines, alike, blur, noise, behind), parameters
+    if alike.sum() < valid.sum():
+        rest = evaluate(window.pixels(FIRST, alike), FIRST, parameters, window.widen)
+    noise = _noise(rest)
+    around = evaluate(window.pixels(SURROUNDINGS, alike), SURROUNDINGS, parameters, window.widen)
+    if np.mean(_cluttered(around, noise)) > LARGEST_CLUTTERED_PART:
+        return None
+    samples = window.binned(widest, alike, parameters)
+    edges = _Edges(window, alike, samples, noise)
+    return edges, edges.converged(FIRST, parameters)
 
 
-def _noise(rests: Sequence[Rest]) -> float:
+def _noise(rest: Rest) -> float:
     """Return the noise's standard deviation: that of the quieter chunks."""
-    count = np.concatenate([rest.used.sum(axis=-1) for rest in rests])
-    variance = np.concatenate([rest.variance for rest in rests])[count > 2 * CHUNK_ROWS]
+    variance, count = rest.variance()
+    variance = variance[count > 2 * CHUNK_ROWS]
     quiet = float(np.percentile(variance, NOISE_PERCENTILE)) if variance.size else 1.0
     return float(np.sqrt(max(quiet, 1 / 12)))
 
 
 def _alike_rows(rest: Rest) -> Floats:
-    """Return 1 for the rows whose residuals are like those of most."""
-    count = rest.by_row(rest.used)
-    mean = rest.by_row(rest.residual**2) / np.maximum(count, 1)
-    usual = max(float(np.median(mean[count > 0])) if (count > 0).any() else 1.0, 1 / 12)
-    limit = usual * (1.2 + GATE_SIGMAS * np.sqrt(2 / np.maximum(count, 1)))
+    """Return 1 for the rows whose residuals are like those of most beside the same edge."""
+    count = rest.by_row(rest.count).reshape(2, -1)
+    mean = rest.by_row(rest.residual**2).reshape(2, -1) / np.maximum(count, 1)
+    usual = [
+        float(np.median(m[c > 0])) if (c > 0).any() else 1.0
+        for m, c in zip(mean, count, strict=True)
+    ]
+    limit = np.maximum(usual, 1 / 12)[:, None] * (
+        1.2 + GATE_SIGMAS * np.sqrt(2 / np.maximum(count, 1))
+    )
     return np.asarray((mean < limit) & (count > 0), dtype=np.float64)
 
 
 def _cluttered(rest: Rest, noise: float) -> NDArray[np.bool_]:
     """Return which of the chunks that reach so far have surroundings other than a ramp."""
-    far = rest.used * (rest.x_px > CLEAR_PX)
+    far = (rest.count > 0) & (rest.x_px > CLEAR_PX)
     count = far.sum(axis=-1)
     variance = (far * rest.residual**2).sum(axis=-1) / np.maximum(count, 1)
     other: NDArray[np.bool_] = variance > CLUTTER_TIMES * noise**2
@@ -278,11 +299,11 @@ def _climbed(
     edges: _Edges, rungs: list[Rung], parameters: Floats, depth: np.dtype[np.generic]
 ) -> FittedEdges:
     """Choose each edge's rung, and fit with them."""
-    reference = _converged(edges, REFERENCE, parameters)
+    reference = edges.converged(REFERENCE, parameters)
     tried = [edges.tried(rung, reference) for rung in rungs]
     for k, rung in enumerate(rungs):
         if tried[k].step_px > LINEAR_PX:
-            tried[k] = edges.tried(rung, _converged(edges, rung, tried[k].parameters))
+            tried[k] = edges.tried(rung, edges.converged(rung, tried[k].parameters))
     chosen, systematic, parameters = [], [], reference.copy()
     for edge in (0, 1):
         at = 2 * edge
@@ -293,22 +314,21 @@ def _climbed(
         chosen.append(rungs[best])
         systematic.append(spread**2 + SYSTEMATIC_PX**2)
         parameters[at : at + 2] = tried[best].parameters[at : at + 2]
-    for _ in range(LAST_ITERATIONS):
-        rests = edges.rests(chosen, parameters)
-        step, covariance = solve(rests, edges.noise, edges.blur, parameters)
+    window = edges.window
+    for samples in (edges.samples, window.pixels(max(chosen, key=_inner), edges.rows)):
+        rests = [
+            evaluate(samples.of_edge(e), rung, parameters, window.widen)
+            for e, rung in enumerate(chosen)
+        ]
+        step, covariance = solve(rests, edges.noise, window.blur, parameters)
         parameters = _stepped(parameters, step)
     covariance = covariance * _inflation(rests, edges.noise)
     covariance[range(4), range(4)] += np.repeat(systematic, 2)
     return _fitted(edges, rests, parameters, covariance, chosen, depth)
 
 
-def _converged(edges: _Edges, rung: Rung, parameters: Floats) -> Floats:
-    """Return a rung's estimate from a start that is near."""
-    for _ in range(CONVERGING_ITERATIONS):
-        parameters, _, length = edges.moved((rung, rung), parameters)
-        if length < LINEAR_PX:
-            break
-    return parameters
+def _inner(rung: Rung) -> float:
+    return rung.inner_px
 
 
 def _chosen(rungs: list[Rung], rows: list[tuple[float, float, float]]) -> tuple[int, float]:
@@ -348,22 +368,22 @@ def _apart(one: tuple[float, float, float], other: tuple[float, float, float]) -
 
 def _fitted(
     edges: _Edges,
-    rests: tuple[Rest, Rest],
+    rests: Sequence[Rest],
     parameters: Floats,
     covariance: Floats,
     chosen: Sequence[Rung],
     depth: np.dtype[np.generic],
 ) -> FittedEdges:
-    bands, noise = edges.bands, edges.noise
+    bands, noise = edges.window.bands, edges.noise
     information = np.stack([rest.row_information() for rest in rests])
     moment = np.stack([rest.by_row(rest.jacobian[:, 0] * rest.residual) for rest in rests])
     usual = np.median(information, axis=1, keepdims=True)
-    used = np.stack([rows.valid for rows in edges.rows]) * information > LEAST_INFORMATION * usual
+    used = edges.rows * information > LEAST_INFORMATION * usual
     count = used.reshape(2, -1, CHUNK_ROWS).sum(axis=-1)
     contrast = np.abs(np.stack([rest.contrast for rest in rests]))
     scale = bands.scale[..., 0]
     return FittedEdges(
-        start=edges.lines,
+        start=edges.window.lines,
         parameters=parameters,
         covariance=covariance,
         contrast=(contrast * count).sum(axis=1) / np.maximum(count.sum(axis=1), 1),
