@@ -121,6 +121,32 @@ def test_the_pdf_carries_all_that_is_needed_to_verify_it(outcome, tmp_path):
     assert f"differs from byte {at}" in found.examined[-2].text
 
 
+def test_a_picture_that_is_not_the_sessions_is_found_by_drawing_it_again(
+    copied, monkeypatch, outcome
+):
+    """All hashes fit: the whole page was made anew around another picture."""
+    from pivometer.pipeline import verifying
+    from pivometer.pipeline.picturing import shaft_pictures
+    from pivometer.pipeline.reporting import page_of, report_of
+    from pivometer.report.embedding import SimulatedTruth, record_of
+
+    monkeypatch.setattr(verifying, "measure", lambda *_, **__: outcome.measurement)
+    thumbnails, profiles = shaft_pictures(outcome.measurement, pipeline.load(copied))
+    thumbnails["003", "left"] = thumbnails["004", "left"]
+    squares = outcome.truth.least_squares
+    truth = SimulatedTruth(squares.point_mm + 0.01, squares.max_mm, squares.rms_mm)
+    record = record_of(thumbnails, profiles, truth)
+    path = copied / "results" / "report.html"
+    report = report_of(outcome.measurement, record, thumbnails.values())
+    path.write_text(page_of(report), encoding="utf-8")
+    found = pipeline.verify(path)
+    assert {name for name, state in status(found).items() if state != "holds"} == {
+        "the pictures against the session",
+        "the simulated truth",
+    }
+    assert text(found, "the pictures against the session").endswith(": left/003")
+
+
 def test_one_digit_of_the_result_is_found(copied):
     path = copied / "results" / "result.json"
     stated = json.loads(path.read_text(encoding="utf-8"))["rcm"]["minimax"]["max_mm"]

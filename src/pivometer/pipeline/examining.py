@@ -58,11 +58,14 @@ class Opened:
         The result.
     examined
         What the file's own bytes say.
+    report
+        What a page or PDF is drawn from; `None` of a result.
     """
 
     content: Mapping[str, Any]
     measurement: Measurement
     examined: tuple[Examined, ...]
+    report: Report | None = None
 
 
 def opened_file(path: Path) -> Opened | Examined:
@@ -179,7 +182,7 @@ def _opened_report(report: Report, redrawn: Callable[[], Examined]) -> Opened:
         _pictures(report),
         redrawn() if report.measurement.software == SOFTWARE else _other_version(report),
     )
-    return Opened(report.content, report.measurement, examined)
+    return Opened(report.content, report.measurement, examined, report)
 
 
 def _bytes(name: str, content: Mapping[str, Any], text: str) -> Examined:

@@ -17,6 +17,7 @@ from pivometer.pipeline.examining import Examined, Opened, named, opened_file, s
 from pivometer.pipeline.measuring import measure
 from pivometer.pipeline.provenance import SETTINGS
 from pivometer.pipeline.reading import Progress
+from pivometer.pipeline.showing_again import shown_again
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,6 +111,8 @@ def _against_session(
         return
     inputs = _inputs(opened.measurement.inputs, folder)
     yield inputs
+    if opened.report is not None and inputs.status != "changed":
+        yield from shown_again(opened.report, opened.measurement, folder, progress)
     yield _figures(opened, folder, inputs, progress)
 
 

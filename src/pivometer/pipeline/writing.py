@@ -5,30 +5,22 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from pivometer._version import SOFTWARE
 from pivometer.calibration import Board, Calibration
-from pivometer.errors import ImageError
 from pivometer.io.atomic import write_file, write_files
 from pivometer.io.result import centerlines_csv, rig_text
 from pivometer.io.session import Session
 from pivometer.io.sheet import sheet_content
 from pivometer.io.target import Paper, target_sheet
 from pivometer.measurement import Measurement
+from pivometer.pipeline.picturing import shaft_pictures
 from pivometer.pipeline.provenance import provenance_now
-from pivometer.pipeline.reading import Progress, ReadImage, streamed
+from pivometer.pipeline.reading import Progress
 from pivometer.pipeline.reporting import page_of, pdf_of, report_of
 from pivometer.report.csv_tables import csv_files
 from pivometer.report.embedding import RESULT, SimulatedTruth, record_of
 from pivometer.report.pdf import pdf_extra_is_there
 from pivometer.report.plots import figure_files
-from pivometer.report.thumbnails import Thumbnail, make_thumbnail
-from pivometer.shaft.across import EdgeProfiles, profiles_across
-from pivometer.shaft.background import sampled
-
-MOST_PICTURES = 300
-"""Pictures of each camera in a report; a video has thousands of frames."""
 
 
 def write_calibration(calibration: Calibration, folder: Path | str) -> Path:
@@ -71,7 +63,7 @@ def write_measurement(
     """
     provenance = measurement.provenance or provenance_now(command=command)
     measurement = replace(measurement, provenance=replace(provenance, command=command))
-    thumbnails, profiles = _pictures(measurement, session, progress)
+    thumbnails, profiles = shaft_pictures(measurement, session, progress)
     report = report_of(measurement, record_of(thumbnails, profiles, truth), thumbnails.values())
     return write_files(
         folder,
@@ -99,48 +91,6 @@ def write_figures(measurement: Measurement, folder: Path | str) -> dict[str, Pat
 def write_tables(measurement: Measurement, folder: Path | str) -> dict[str, Path]:
     """Write a measurement's tables as CSV into a folder, and return their paths by name."""
     return write_files(folder, csv_files(measurement))
-
-
-_Key = tuple[str, str]
-
-
-def _pictures(
-    measurement: Measurement, session: Session, progress: Progress | None
-) -> tuple[dict[_Key, Thumbnail], dict[_Key, EdgeProfiles]]:
-    """Make small pictures of the shaft images that can be read, at most some of a camera's.
-
-    Where edges were fitted, the grey levels across them are looked up in the same pass.
-    """
-    edges = {(pose.pose, one.camera): one for pose in measurement.poses for one in pose.edges}
-    cameras = {camera.name: camera for camera in measurement.calibration.rig.cameras}
-
-    def picture(frame: ReadImage) -> tuple[Thumbnail, EdgeProfiles | None] | None:
-        outcome = frame.outcome
-        if isinstance(outcome, ImageError):
-            return None
-        found = edges.get((frame.stem, frame.file.camera))
-        return make_thumbnail(outcome.image), (
-            None if found is None else profiles_across(outcome.image, found, cameras[found.camera])
-        )
-
-    shown = [list(session.shaft_images(name)) for name in session.cameras]
-    files = [images[i] for images in shown for i in sampled(len(images), MOST_PICTURES)]
-    made = streamed(picture, files, "drawing the report", progress)
-    thumbnails, profiles = {}, {}
-    for file, drawn in zip(files, made, strict=True):
-        key = (file.view.rpartition("/")[2], file.camera)
-        if drawn is not None:
-            thumbnails[key] = drawn[0]
-            if drawn[1] is not None:
-                profiles[key] = _rounded(drawn[1])
-    return thumbnails, profiles
-
-
-def _rounded(profiles: EdgeProfiles) -> EdgeProfiles:
-    """Round grey levels to a hundredth, which no plot resolves: the report carries them."""
-    return EdgeProfiles(
-        profiles.distance_px, np.round(profiles.grey, 2), np.round(profiles.fitted, 2)
-    )
 
 
 def write_target(board: Board, file: Path | str, *, paper: Paper = "A4") -> Path:

@@ -170,6 +170,7 @@ def setup_table(measurement: Measurement) -> Table:
     diameter = "not stated" if setup.diameter_mm is None else f"{setup.diameter_mm:g} mm"
     rows = [
         ("session", setup.session),
+        ("cameras", _camera_text(measurement.calibration.rig)),
         ("calibration board", board_text(setup.board)),
         ("shaft diameter, nominal", diameter),
         *_entries("device", setup.device),
@@ -209,6 +210,12 @@ def moment_text(measurement: Measurement) -> str:
     except ValueError:  # a file that someone wrote
         return measurement.provenance.created
     return moment.strftime("%Y-%m-%d %H:%M %Z").strip()
+
+
+def _camera_text(rig: Rig) -> str:
+    """List the cameras, the reference first."""
+    sizes = [f"{camera.name} ({camera.width} × {camera.height} px)" for camera in rig.cameras]
+    return f"{', '.join(sizes)}; the first is the reference"
 
 
 def board_text(board: Board) -> str:
