@@ -173,14 +173,14 @@ def sequence(
         paint(image, carriage, lambda a, _: np.where(np.abs(a) < 0.7, 70.0, 150.0))
         tube = Strip(pivot, float(centre), trocar, 0, -25 * unit, 25 * unit)
         paint(image, tube, lambda a, _: trocar_grey * (1 - 0.3 * a**2))
-        frames.append(_photograph(image, rng, hard))
+        frames.append(photograph(image, rng, hard))
         truth.append(strip)
     tube = Strip(pivot, float(centre), trocar, 0, -25 * unit, 25 * unit)
     paint(room, tube, lambda a, _: trocar_grey * (1 - 0.3 * a**2))
-    return Sequence(frames, _photograph(room, rng, False), truth, second)
+    return Sequence(frames, photograph(room, rng, False), truth, second)
 
 
-def _photograph(image: Floats, rng: np.random.Generator, hard: bool) -> Image:
+def photograph(image: Floats, rng: np.random.Generator, hard: bool) -> Image:
     """Blur and add noise; with a moving shadow and 3 % flicker if it is to be hard."""
     seen = cv2.GaussianBlur(image, (0, 0), 0.7)
     if hard:

@@ -42,7 +42,7 @@ from pivometer.pipeline.own_error import with_own_error
 from pivometer.pipeline.provenance import provenance_now, settings_hashes
 from pivometer.pipeline.reading import Progress
 from pivometer.pipeline.shaft_checking import Route, Triangulated, checked_poses, with_shaft
-from pivometer.pipeline.shafts import SHAFT_ADVICE, camera_shafts
+from pivometer.pipeline.shafts import SHAFT_ADVICE, session_shafts
 from pivometer.pipeline.structuring import with_structure
 from pivometer.rcm import geometry_findings, outlier_findings, refuse_geometry, solve
 from pivometer.rcm.result import Finding
@@ -163,12 +163,10 @@ def see_shafts(
     inputs: dict[str, str] = {}
     doubts: list[Finding] = []
     found = {**session.hints, **(hints or {})}
-    for camera in rig.cameras:
-        hint = found.get(camera.name)
-        shafts = camera_shafts(session, camera, hint=hint, progress=progress)
-        edges[camera.name] = shafts.edges
+    for name, shafts in session_shafts(session, rig, hints=found, progress=progress).items():
+        edges[name] = shafts.edges
         if shafts.warning is not None:
-            doubts.append(_doubt(camera.name, shafts.warning))
+            doubts.append(_doubt(name, shafts.warning))
         inputs |= shafts.inputs
     return SeenShafts(edges, inputs, tuple(doubts))
 

@@ -6,18 +6,19 @@ on its own. So memory does not grow with the number of frames.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
 
-from pivometer.cameras import Camera
+from pivometer.cameras import Camera, Rig
 from pivometer.errors import DataError, ShaftNotFoundError
 from pivometer.io.images import HashedImage, Image
 from pivometer.io.session import ImageFile, Session
 from pivometer.pipeline.reading import Progress, ReadImage, hashes, streamed, usable
 from pivometer.shaft.background import sampled
+from pivometer.shaft.concurrence import agreed_finders
 from pivometer.shaft.detection import MOST_SAMPLES, SeedRejection, ShaftFinder, learn_shaft
 from pivometer.shaft.edges import ShaftEdges, fit_edges
 from pivometer.shaft.hint import ShaftHint
@@ -43,25 +44,66 @@ class CameraShafts:
     warning: str | None
 
 
+def session_shafts(
+    session: Session, rig: Rig, *, hints: Mapping[str, ShaftHint], progress: Progress | None
+) -> dict[str, CameraShafts]:
+    """Find and fit the shaft's edges in all frames of all cameras of a rig.
+
+    Each camera first learns what turns before it; then all of them agree on what the shaft is.
+    """
+    looks = [_Look(session, camera, hints.get(camera.name), progress) for camera in rig.cameras]
+    finders = [look.finder for look in looks]
+    known = [finder for finder in finders if finder is not None]
+    if len(known) == len(looks):
+        poses = [look.first.poses for look in looks]
+        agreed = agreed_finders(known, poses, rig, diameter_mm=session.diameter_mm)
+        for look, finder in zip(looks, agreed, strict=True):
+            look.finder = finder
+    return {look.camera.name: look.shafts() for look in looks}
+
+
 def camera_shafts(
     session: Session, camera: Camera, *, hint: ShaftHint | None, progress: Progress | None
 ) -> CameraShafts:
     """Find and fit the shaft's edges in all frames of one camera; say what went wrong in others."""
-    files = list(session.shaft_images(camera.name))
-    background, inputs = _background(session, camera)
-    first = _FirstPass(files, camera, progress)
-    finder = first.learned(background, hint)
+    return _Look(session, camera, hint, progress).shafts()
 
-    def edges(frame: ReadImage) -> tuple[dict[str, str], ShaftEdges | DataError]:
-        sample = first.samples.get(frame.file.view)
-        return hashes([frame]), _edges(frame, camera, finder, sample, background)
 
-    outcomes: dict[str, ShaftEdges | DataError] = {}
-    fitted = streamed(edges, files, f"fitting edges {camera.name}", progress, first.kept)
-    for file, (digests, outcome) in zip(files, fitted, strict=True):
-        inputs |= digests
-        outcomes[file.view.rpartition("/")[2]] = outcome
-    return CameraShafts(outcomes, inputs, None if finder is None else finder.warning)
+class _Look:
+    """One camera's frames: what some of them tell of the shaft, then its edges in all."""
+
+    def __init__(
+        self,
+        session: Session,
+        camera: Camera,
+        hint: ShaftHint | None,
+        progress: Progress | None,
+    ) -> None:
+        self.camera = camera
+        self._files = list(session.shaft_images(camera.name))
+        self._progress = progress
+        self._background, self._inputs = _background(session, camera)
+        self.first = _FirstPass(self._files, camera, progress)
+        self.finder = self.first.learned(self._background, hint)
+
+    def shafts(self) -> CameraShafts:
+        """Find and fit the shaft in all frames."""
+        inputs, stage = dict(self._inputs), f"fitting edges {self.camera.name}"
+        outcomes: dict[str, ShaftEdges | DataError] = {}
+        fitted = streamed(self._edges, self._files, stage, self._progress, self.first.kept)
+        for file, (digests, outcome) in zip(self._files, fitted, strict=True):
+            inputs |= digests
+            outcomes[_pose(file.view)] = outcome
+        return CameraShafts(outcomes, inputs, None if self.finder is None else self.finder.warning)
+
+    def _edges(self, frame: ReadImage) -> tuple[dict[str, str], ShaftEdges | DataError]:
+        sample = self.first.samples.get(frame.file.view)
+        found = _edges(frame, self.camera, self.finder, sample, self._background)
+        return hashes([frame]), found
+
+
+def _pose(view: str) -> str:
+    return view.rpartition("/")[2]
 
 
 class _FirstPass:
@@ -76,6 +118,11 @@ class _FirstPass:
         self._left = KEPT_BYTES
         self.samples: dict[str, int] = {}
         self.kept: dict[str, ReadImage] = {}
+
+    @property
+    def poses(self) -> dict[int, str]:
+        """The pose that each sample shows."""
+        return {sample: _pose(view) for view, sample in self.samples.items()}
 
     def learned(self, background: Image | None, hint: ShaftHint | None) -> ShaftFinder | None:
         """Return what the frames tell; None where none can be read."""

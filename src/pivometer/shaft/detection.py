@@ -8,7 +8,7 @@ sequence votes for a pivot pixel and a width there (`motion`), helped by what ea
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from pivometer.shaft.background import (
     unknown_scene,
     working_scale,
 )
+from pivometer.shaft.candidates import Candidate, candidates, told_apart
 from pivometer.shaft.hint import ShaftHint
 from pivometer.shaft.motion import (
     MOST_PAIRS,
@@ -48,7 +49,7 @@ from pivometer.shaft.pairs import (
     same_line,
 )
 from pivometer.shaft.refit import refitted_edges
-from pivometer.shaft.rivals import SERIOUS_SHARE, turning_things, widest
+from pivometer.shaft.rivals import SERIOUS_SHARE, Turning, turning_things, widest
 from pivometer.shaft.shifting import shifting_motion
 
 TRUSTED_MEDIAN = 6
@@ -170,6 +171,16 @@ class ShaftFinder:
     _known: tuple[_Frame, ...]
     warning: str | None = None
     """What makes it uncertain that this is the shaft, if anything."""
+    candidates: tuple[Candidate, ...] = ()
+    """What might be the shaft, for other cameras to tell."""
+
+    def taking(self, candidate: Candidate, warning: str | None) -> ShaftFinder:
+        """Return a finder of another candidate."""
+        return replace(self, _motion=told_apart(candidate, self.candidates), warning=warning)
+
+    def refusing(self, reason: str) -> ShaftFinder:
+        """Return a finder that finds nothing, for a reason."""
+        return replace(self, _motion=SeedRejection(reason), warning=None)
 
     def find(self, image: Image, *, sample: int | None = None) -> ShaftSeed | SeedRejection:
         """Find the shaft in one frame.
@@ -217,10 +228,19 @@ def learn_shaft(
     if all(len(frame.edges.points_px) < LEAST_SUPPORT_PX for frame in frames):
         reason = "nothing moves between the frames, so a moving shaft cannot be told from the rest"
         return ShaftFinder(search, SeedRejection(reason), frames)
+    table = pair_table([f.pairs for f in frames], [f.cover for f in frames], MOST_PAIRS)
     if hint is not None:
-        return ShaftFinder(search, _hinted(frames, hint, search), frames)
-    motion, warning = _motion(frames, search)
-    return ShaftFinder(search, motion, frames, warning)
+        motion: Motion | SeedRejection = _hinted(frames, hint, search)
+        warning, things = None, []
+    else:
+        things = turning_things(table)
+        motion, warning = _motion(things, table, len(frames), search)
+    if not things and isinstance(motion, Motion):
+        things = [Turning(motion, motion.length_px * motion.frames)]
+    found = candidates(
+        things, table, [f.pairs for f in frames], scale, search.centre_px, alone=hint is not None
+    )
+    return ShaftFinder(search, motion, frames, warning, found)
 
 
 def find_shaft(
@@ -289,19 +309,18 @@ def _search(
     return _Search(scale, scene, (width, height), centre, known)
 
 
-def _motion(frames: Sequence[_Frame], search: _Search) -> tuple[Motion | SeedRejection, str | None]:
+def _motion(
+    things: list[Turning], table: PairTable, count: int, search: _Search
+) -> tuple[Motion | SeedRejection, str | None]:
     """Return the shaft's motion or why it is unknown, and a warning if something else turns too."""
-    table = pair_table([f.pairs for f in frames], [f.cover for f in frames], MOST_PAIRS)
-    seen = sum(bool(f.pairs) for f in frames)
-    things = turning_things(table)
     if not things:
         shifting = shifting_motion(table)
         if shifting is not None:
             return shifting, "the shaft shifts and does not turn about a point in these images"
+        least = max(LEAST_FRAMES, round(SERIOUS_SHARE * len(np.unique(table.at))))
         return SeedRejection(
-            f"fewer than {max(LEAST_FRAMES, round(SERIOUS_SHARE * seen))} of {len(frames)} frames "
-            "show two long parallel edges that turn about a common point with a constant width, so "
-            "the shaft cannot be told"
+            f"fewer than {least} of {count} frames show two long parallel edges that turn about a "
+            "common point with a constant width, so the shaft cannot be told"
         ), None
     shaft, rival, told = widest(things)
     if rival is None:

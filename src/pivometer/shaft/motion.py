@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +59,10 @@ class PairTable:
     run: Floats
     length: Floats
     weight: Floats
+
+    def rows(self, keep: NDArray[np.bool_]) -> PairTable:
+        """Return the pairs that are to be kept."""
+        return PairTable(*(getattr(self, column.name)[keep] for column in fields(self)))
 
     def best_per_frame(self, values: Floats) -> NDArray[np.intp]:
         """Return the row with the largest value in every frame that has a pair."""

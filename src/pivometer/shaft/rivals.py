@@ -7,7 +7,7 @@ what turns there; where not even that is clear the camera gives no answer and na
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -51,12 +51,8 @@ def turning_things(table: PairTable) -> list[Turning]:
         fits = motion.agreement(table)
         things.append(Turning(motion, float(fits[table.best_per_frame(fits)].sum())))
         away = np.abs(at_pivot(table, motion.pivot_px, 0.0)[0]) / motion.spread_px
-        table = _rows(table, away > SAME_PIVOT_SPREADS)
+        table = table.rows(away > SAME_PIVOT_SPREADS)
     return sorted(things, key=lambda thing: -thing.support_px)
-
-
-def _rows(table: PairTable, keep: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> PairTable:
-    return PairTable(*(getattr(table, column.name)[keep] for column in fields(table)))
 
 
 def widest(things: list[Turning]) -> tuple[Turning, Turning | None, bool]:
