@@ -106,12 +106,10 @@ class _CalibratePage:
     async def _undo(self) -> None:
         """Take the newest view out again; its pictures stay on the disk."""
         session = self._work.session
-        out = {} if session is None else session.excluded
-        kept = [view for view in _views(self._work) if f"board/{view}" not in out]
-        if session is None or not kept:
+        view = None if session is None else await asyncio.to_thread(_newest, session)
+        if session is None or view is None:
             self._told.say("There is no view to undo.", "warn")
             return
-        view = f"board/{kept[-1]}"
         await asyncio.to_thread(pipeline.exclude, session, view, "undone while gathering")
         self._told.say(f"{view} is taken out; it can be taken back below.")
         await self._changed()
@@ -187,8 +185,10 @@ def _looked_up(session: Session) -> tuple[Calibration | None, list[ViewRow], Adv
     return made, view_rows(session, made), None if made is None else advice(made)
 
 
-def _views(work: Work) -> list[str]:
-    return list(work.session.board_views) if work.session else []
+def _newest(session: Session) -> str | None:
+    """Return the view of the newest picture that counts."""
+    kept = [file for file in session.board_images() if file.view not in session.excluded]
+    return max(kept, key=lambda file: file.path.stat().st_mtime_ns).view if kept else None
 
 
 def _gauges(cover: Coverage) -> None:

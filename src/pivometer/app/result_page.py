@@ -13,6 +13,7 @@ from pivometer.app.view_list import ViewList, ViewRow
 from pivometer.app.watcher import Watcher
 from pivometer.app.work import Work
 from pivometer.errors import PivometerError
+from pivometer.io.session import Session
 from pivometer.measurement import Measurement, UsedPose
 from pivometer.pipeline.checking import CheckOutcome
 from pivometer.report import captions
@@ -82,6 +83,7 @@ class _ResultPage:
             measured = await asyncio.to_thread(self._work.measure, self._heard)
         except PivometerError as error:
             self._told.say(f"{error.what}. Next: {error.next_step}.", "bad")
+            self._show(None)
         else:
             self._told.say("Measured.", "good")
             self._show(measured)
@@ -93,15 +95,14 @@ class _ResultPage:
         self._answer.clear()
         self._figures.clear()
         self._decision.say("")
+        if self._work.session is not None:
+            self._views.draw(_rows(measured, self._work.session))
         if measured is None:
             with self._answer:
-                tag("p", "Not measured yet with the poses there are.")
-            with self._figures:
-                tag("h2", "Figures")
+                tag("p", "There is no result of the poses there are.")
             return
         with self._answer:
             _say(measured)
-        self._views.draw(_rows(measured, self._work))
         with self._figures:
             _draw_figures(measured)
 
@@ -148,17 +149,19 @@ def _say(measured: Measurement) -> None:
         tag("p", f"{finding.text}; {finding.next_step}").classes(f"tell {kind}")
 
 
-def _rows(measured: Measurement, work: Work) -> list[ViewRow]:
+def _rows(measured: Measurement | None, session: Session) -> list[ViewRow]:
     """Return the poses: used ones, the farthest first, then those rejected and taken out."""
-    out = work.session.excluded if work.session else {}
     rows: list[ViewRow] = []
-    used = [pose for pose in measured.poses if isinstance(pose, UsedPose)]
+    used = [pose for pose in measured.poses if isinstance(pose, UsedPose)] if measured else []
     for pose in sorted(used, key=lambda pose: -pose.distance_mm.minimax):
         misses = f"{pose.distance_mm.minimax:.3f}", f"{pose.distance_mm.least_squares:.3f}"
         rows.append((f"shaft/{pose.pose}", f"{pose.dihedral_deg:.0f}", *misses, "used", False))
-    for lost in measured.rejected:
-        view = f"shaft/{lost.pose}"
-        rows.append((view, "–", "–", "–", lost.reason, view in out))
+    reasons = {pose.pose: pose.reason for pose in measured.rejected} if measured else {}
+    done = {pose.pose for pose in used}
+    for stem in (stem for stem in session.shaft if stem not in done):
+        out = session.excluded.get(f"shaft/{stem}")
+        state = reasons.get(stem, "taken" if out is None else f"out: {out}")
+        rows.append((f"shaft/{stem}", "–", "–", "–", state, out is not None))
     return rows
 
 

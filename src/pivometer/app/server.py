@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import sys
 from pathlib import Path
 
@@ -62,7 +61,6 @@ def serve(folder: Path, *, port: int, browser: bool) -> None:
     app.config.quasar_config["loadingBar"]["skipHijack"] = True
     app.on_startup(started)
     app.on_shutdown(stopped)
-    os.environ.setdefault("MATPLOTLIB", "false")  # NiceGUI would import it for nothing
     ui.run(
         host=HOST,
         port=port,

@@ -27,9 +27,11 @@ def setup_page(work: Work, watcher: Watcher) -> None:
     """Draw the page."""
     watcher.set_task(None)
     with page_frame(work, "/", _LEAD):
+        if work.fault:  # what a person wrote is never written over
+            tag("p", f"The session cannot be read. {work.fault}.").classes("tell bad")
+            tag("p", "Mend the file, then load this page again.")
+            return
         told = Tell()
-        if work.fault:
-            told.say(f"The session cannot be read: {work.fault}", "bad")
         with ui.element("section").classes("card"):
             form = SetupForm(work)
             button("Save and open the cameras", lambda: save(), main=True)

@@ -77,6 +77,7 @@ class Work:
         key = (tuple(session.shaft), (self.folder / "results" / "rig.json").stat().st_mtime_ns)
         if self._seen is None or self._seen[0] != key:
             self._seen = key, pipeline.see_shafts(session, made.rig, progress=progress)
+        self.measured = None  # what held before does not any more, whatever comes of it
         self.measured = pipeline.measure_seen(session, made, self._seen[1])
         return self.measured
 
