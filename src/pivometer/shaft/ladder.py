@@ -106,7 +106,6 @@ class _Tried:
     parameters: Floats
     covariance: Floats
     misfits: tuple[float, float]
-    step_px: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,18 +147,13 @@ class _Edges:
         return rest, *solve([rest], self.noise, self.window.blur, parameters)
 
     def tried(self, rung: Rung, parameters: Floats) -> _Tried:
-        rest, step, covariance = self.step(rung, parameters)
-        found = misfits(rest, step, self.noise)
-        return _Tried(_stepped(parameters, step), covariance, found, float(np.abs(step).max()))
-
-    def converged(self, rung: Rung, parameters: Floats) -> Floats:
-        """Return a rung's estimate from a start that is near."""
+        """Return what a rung says, after as many steps from a near start as it needs."""
         for _ in range(CONVERGING_ITERATIONS):
-            _, step, _ = self.step(rung, parameters)
+            rest, step, covariance = self.step(rung, parameters)
             parameters = _stepped(parameters, step)
             if np.abs(step).max() < LINEAR_PX:
                 break
-        return parameters
+        return _Tried(parameters, covariance, misfits(rest, step, self.noise))
 
 
 def _stepped(parameters: Floats, step: Floats) -> Floats:
@@ -261,7 +255,7 @@ def _first(window: _Window, widest: Rung) -> tuple[_Edges, Floats] | None:
         return None
     samples = window.binned(widest, alike, parameters)
     edges = _Edges(window, alike, samples, noise)
-    return edges, edges.converged(FIRST, parameters)
+    return edges, parameters
 
 
 def _noise(rest: Rest) -> float:
@@ -299,11 +293,8 @@ def _climbed(
     edges: _Edges, rungs: list[Rung], parameters: Floats, depth: np.dtype[np.generic]
 ) -> FittedEdges:
     """Choose each edge's rung, and fit with them."""
-    reference = edges.converged(REFERENCE, parameters)
+    reference = edges.tried(REFERENCE, parameters).parameters
     tried = [edges.tried(rung, reference) for rung in rungs]
-    for k, rung in enumerate(rungs):
-        if tried[k].step_px > LINEAR_PX:
-            tried[k] = edges.tried(rung, edges.converged(rung, tried[k].parameters))
     chosen, systematic, parameters = [], [], reference.copy()
     for edge in (0, 1):
         at = 2 * edge

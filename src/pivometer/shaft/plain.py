@@ -46,6 +46,10 @@ COARSE_ITERATIONS = 8
 COARSE_PX = 0.1
 """About so many rows give the start; after a step that small, a few thousandths are left."""
 
+COARSE_USED, COARSE_SIGMAS, SHARP_PX = 0.35, 7.0, 1.2
+"""Levels that are so far from flat in a quarter of the rows need no look at the rest; a wider blur
+than this reaches into the coarse windows."""
+
 ITERATIONS = 6
 GATED_ITERATIONS = 2
 STEP_LIMIT_PX = np.array([1.0, 1.0, 1.0, 1.0, 0.4])
@@ -290,6 +294,8 @@ def fit_plain(
         return None
     step = max(1, len(maps[0].rows) // COARSE_ROWS)
     estimate = _coarse(turned, (maps[0].every(step), maps[1].every(step)), lines, half)
+    if estimate is None:
+        return None
     start = lines[0].moved(*estimate[:2]), lines[1].moved(*estimate[2:4])
     near = maps[0].towards(start[0]), maps[1].towards(start[1])
     return _fine(turned, near, start, half, float(estimate[4]))
@@ -297,8 +303,11 @@ def fit_plain(
 
 def _coarse(
     turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], lines: Lines, half: float
-) -> Floats:
-    """Return the parameters from a part of the rows, good to a few thousandths of a pixel."""
+) -> Floats | None:
+    """Return the parameters from a part of the rows, good to a few thousandths of a pixel.
+
+    None where even they show that levels are not flat.
+    """
     kurtosis = np.array([_kurtosis(line) for line in lines])
     estimate = np.array([0.0, 0.0, 0.0, 0.0, FIRST_BLUR_PX])
     reach = NEAR_SIGMAS * FIRST_BLUR_PX + 2.0 + COARSE_FAR_PX
@@ -310,7 +319,10 @@ def _coarse(
         inner_px=min(reach, half),
         outer_px=reach,
     )
-    weights = _flat_rows(bands)[1]
+    noise, weights = _flat_rows(bands)
+    valid = np.maximum(bands.valid.sum(axis=1), 1)
+    if (weights.sum(axis=1) < COARSE_USED * valid).any():
+        return None
     for _ in range(COARSE_ITERATIONS):
         step, _ = linearize(bands, estimate, weights, kurtosis)
         move = np.linalg.solve(step.information + 1e-9 * np.eye(5), step.gradient)
@@ -318,7 +330,8 @@ def _coarse(
         estimate[4] = np.clip(estimate[4], *BLUR_RANGE_PX)
         if np.abs(move).max() < COARSE_PX:
             break
-    return estimate
+    sharp = estimate[4] < SHARP_PX
+    return None if sharp and _trend(bands, weights, noise) > COARSE_SIGMAS else estimate
 
 
 def _fine(
