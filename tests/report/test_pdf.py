@@ -97,3 +97,22 @@ def test_drawings_use_no_colour_that_is_only_named():
     drawing = standalone(Markup('<svg><circle class="dot worst"></circle></svg>'))
     assert "var(" not in drawing
     assert "svg .dot.worst{fill: #8f1a16;}" in drawing
+
+
+def test_every_kind_of_measurement_can_be_typeset(make_measurement, with_board_frame):
+    from pivometer.measurement import ImportedRig
+    from pivometer.report.csv_tables import csv_files
+    from pivometer.report.notebook import measurement_html
+    from pivometer.uncertainty.propagation import LinesUncertainty
+
+    three = make_measurement(count=4, cameras=("left", "right", "middle"))
+    lines = LinesUncertainty(three.uncertainty.lines_mm2, 5.0, 0.95, 2.57, [0.1, 0.1, 0.1])
+    imported = ImportedRig(three.calibration.rig, "opencv", {"rig.yaml": "0" * 64})
+    unknown = replace(three, calibration=imported, uncertainty=lines)
+    few = make_measurement(count=4)
+    board = replace(with_board_frame, poses=few.poses, rcm=few.rcm)
+    for measurement in (three, unknown, board, replace(few, poses=few.used)):
+        pdf = render_pdf(measurement, thumbnails={}, attached=ATTACHED, seal=SEAL)
+        assert b"pdfuaid:part>1<" in pdf
+        assert csv_files(measurement)["location.csv"]
+        assert measurement_html(measurement)

@@ -1,9 +1,12 @@
 """Each edge, along: its rows' offsets with their uncertainty; and across: its grey levels."""
 
+from functools import lru_cache
+
 import numpy as np
 from markupsafe import Markup
 
-from pivometer.report.svg import picture, points, tag
+from pivometer._arrays import Floats
+from pivometer.report.svg import DRAWN_TWICE, number, picture, points, tag
 from pivometer.shaft.across import EdgeProfiles
 from pivometer.shaft.edges import ShaftEdges
 
@@ -15,6 +18,7 @@ _TELLING_PX = 0.1
 """Sections known worse than this do not set the scale; their bands are cut off at it."""
 
 
+@lru_cache(maxsize=DRAWN_TWICE)
 def edge_plot(edges: ShaftEdges) -> Markup | None:
     """Draw both edges' offsets from their lines along the shaft; `None` if none are stated."""
     known = edges.deviation_sigma_px > 0
@@ -52,6 +56,7 @@ def edge_plot(edges: ShaftEdges) -> Markup | None:
     return picture(*parts, width=_WIDTH, height=_HEIGHT, title=title, class_="edge-plot")
 
 
+@lru_cache(maxsize=DRAWN_TWICE)
 def profile_plot(profiles: EdgeProfiles, camera: str) -> Markup:
     """Draw the grey levels across both edges, the shaft between them, and the fitted steps."""
     low, high = float(profiles.grey.min()), float(profiles.grey.max())
@@ -71,10 +76,16 @@ def profile_plot(profiles: EdgeProfiles, camera: str) -> Markup:
         )
         parts += [
             tag("path", d=f"M{centre:.1f},0V{_HEIGHT:.0f}", class_="grid"),
-            *(tag("circle", cx=float(a), cy=float(b), r=1.5) for a, b in zip(x, seen, strict=True)),
+            tag("path", d=_dots(x, seen), class_="edge-dots"),
             tag("polyline", points=points(zip(x, fitted, strict=True)), class_="edge-fit"),
         ]
     title = f"Camera {camera}: grey levels across both edges, and a step at each fitted edge"
     return picture(
         *parts, tag("title", title), width=_WIDTH, height=_HEIGHT, title=title, class_="edge-plot"
     )
+
+
+def _dots(x: Floats, y: Floats) -> str:
+    """Draw dots as one path of strokes without length: circles take long to typeset."""
+    pairs = zip(x, y, strict=True)
+    return "".join(f"M{number(float(a))} {number(float(b))}h0" for a, b in pairs)

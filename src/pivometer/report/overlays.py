@@ -3,6 +3,7 @@
 import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from markupsafe import Markup
@@ -12,7 +13,7 @@ from pivometer.cameras.model import Camera
 from pivometer.cameras.rig import Rig
 from pivometer.geometry.rigid import RigidTransform
 from pivometer.measurement import Measurement, RejectedPose, UsedPose
-from pivometer.report.svg import number, points, tag
+from pivometer.report.svg import DRAWN_TWICE, number, points, tag
 from pivometer.report.thumbnails import Thumbnail
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.triangulation import Centerline
@@ -89,6 +90,7 @@ def _picture(
     )
 
 
+@lru_cache(maxsize=DRAWN_TWICE)
 def photo_overlay(
     pose: UsedPose | RejectedPose, camera: Camera, measurement: Measurement
 ) -> Markup:

@@ -5,6 +5,9 @@ from collections.abc import Iterable
 
 from markupsafe import Markup, escape
 
+DRAWN_TWICE = 512
+"""The page and the PDF of one report show the same small drawings: so many of a kind are kept."""
+
 SMALLEST_MM = 1e-6
 """No picture resolves less than a nanometre: exact lines would need an endless scale."""
 
