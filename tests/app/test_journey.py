@@ -185,7 +185,7 @@ def test_the_whole_journey(
     type_into(page, "Limit of the largest miss, mm", "0.5")
     tab_to(page, "Check the limit")
     page.keyboard.press("Enter")
-    page.wait_for_selector("text=Invalid:")  # too few poses for any decision
+    page.wait_for_selector("text=No decision, a condition")  # too few poses for one
     tab_to(page, "Look at shaft/")
     page.keyboard.press("Enter")
     page.wait_for_selector(".photo img")
@@ -222,6 +222,8 @@ def test_the_whole_journey(
         ours, theirs = getattr(shown.rcm, name), getattr(again.rcm, name)
         assert ours.point_mm.tolist() == theirs.point_mm.tolist()
     assert [pose.reason for pose in again.rejected] == [pose.reason for pose in shown.rejected]
+    assert shown.decision is not None
+    assert (shown.decision.decision, shown.decision.limit_mm) == ("invalid", 0.5)
     assert any("excluded by hand: a shadow" in pose.reason for pose in shown.rejected)
 
     # And it is near the truth of the poses used: inside twice its 95 % half-widths.

@@ -108,6 +108,20 @@ def test_views_that_only_one_camera_saw_do_not_count_as_shared() -> None:
     assert known.cameras[1].views == 0
 
 
+def test_of_three_cameras_each_must_share_moments_with_another() -> None:
+    pairs = moments(2 * LEAST_VIEWS)
+    chain: list[Moment] = [
+        {"left": one["left"], "middle": one["right"]}
+        if number % 2
+        else {"middle": one["left"], "right": one["right"]}
+        for number, one in enumerate(pairs)
+    ]
+    cameras = ("left", "middle", "right")
+    assert gathering(chain, cameras).shared.views == LEAST_VIEWS
+    assert gathering(chain, cameras).possible
+    assert not gathering(pairs, cameras).possible
+
+
 def test_the_advice_names_the_camera_and_what_it_lacks() -> None:
     known = gathering(moments(ENOUGH_VIEWS, right=(0.5, 0.5)), CAMERAS)
     assert known.advice == (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from pivometer import pipeline
 from pivometer.calibration import BoardView, Calibration, RejectedView
 from pivometer.errors import ImageError
 from pivometer.geometry.rigid import RigidTransform
-from pivometer.io.atomic import write_file
+from pivometer.io.atomic import write_file, write_files
 from pivometer.io.live import Frame
 from pivometer.io.result import result_text, rig_text
 from pivometer.io.session import Session
@@ -25,14 +26,25 @@ from pivometer.report.pose_map import pose_map, shrinking_chart
 DOT = np.zeros((4, 4), np.uint8)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def measurement(make_measurement: Callable[..., Measurement]) -> Measurement:
     made = make_measurement()
-    return replace(made, poses=tuple(sorted(made.poses, key=lambda pose: pose.pose)))
+    poses = sorted(made.poses[:8], key=lambda pose: pose.pose)
+    return replace(made, poses=tuple(poses), inputs={}, structure=None)
+
+
+@pytest.fixture(scope="module")
+def texts(measurement: Measurement) -> dict[str, str]:
+    """What the two results are, of three board views."""
+    calibration = measurement.calibration
+    assert isinstance(calibration, Calibration)
+    names = [f"board/{name}/{k:03d}.png" for name in ("left", "right") for k in range(3)]
+    known = replace(calibration, inputs=dict.fromkeys(names, "0" * 64))
+    return {"rig.json": rig_text(known, software="x"), "result.json": result_text(measurement)}
 
 
 @pytest.fixture
-def session(tmp_path: Path, measurement: Measurement) -> Session:
+def session(tmp_path: Path, measurement: Measurement, texts: dict[str, str]) -> Session:
     """A folder with board views, the poses of a measurement, and the results of both."""
     board = measurement.setup.board
     settings = Settings(board, 10.0, ("left", "right"), "left", {}, {}, "")
@@ -42,14 +54,8 @@ def session(tmp_path: Path, measurement: Measurement) -> Session:
     for pose in measurement.poses:
         for name in session.cameras:
             (session.folder / "shaft" / name / f"{pose.pose}.png").write_bytes(b"not looked at")
-    session = pipeline.load(session.folder)
-    calibration = measurement.calibration
-    assert isinstance(calibration, Calibration)
-    inputs = {file.name: "0" * 64 for file in session.board_images()}
-    results = session.folder / "results"
-    write_file(results / "rig.json", rig_text(replace(calibration, inputs=inputs), software="x"))
-    write_file(results / "result.json", result_text(measurement))
-    return session
+    write_files(session.folder / "results", texts)
+    return pipeline.load(session.folder)
 
 
 def test_results_hold_until_pictures_come_or_go(session: Session) -> None:
@@ -61,6 +67,19 @@ def test_results_hold_until_pictures_come_or_go(session: Session) -> None:
     assert pipeline.standing_measurement(more) is None
     pipeline.capture(session, "board", {"left": DOT})
     assert pipeline.standing_calibration(pipeline.load(session.folder)) is None
+
+
+def test_results_hold_until_the_description_changes_or_empty_frames_come(
+    session: Session, measurement: Measurement
+) -> None:
+    described = hashlib.sha256((session.folder / "session.toml").read_bytes()).hexdigest()
+    made = replace(measurement, inputs={"session.toml": described})
+    assert pipeline.is_of_now(made, session)
+    pipeline.capture(session, "background", {"left": DOT})
+    assert not pipeline.is_of_now(made, pipeline.load(session.folder))
+    with (session.folder / "session.toml").open("a", encoding="utf-8") as file:
+        file.write("# another word\n")
+    assert not pipeline.is_of_now(made, session)
 
 
 def test_results_hold_until_a_view_is_taken_out_and_again_when_it_is_back(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 
 from nicegui import ui
 
@@ -34,6 +35,11 @@ _LEAD = (
     "before takes itself. 20 to 70 poses; the more directions, the better."
 )
 ENOUGH_POSES = 20
+_OTHERS: tuple[tuple[pipeline.Group, str, str], ...] = (
+    ("background", "Empty scene", "without the tool: makes edges before clutter far more certain"),
+    ("reference", "Board beside the RCM", "which stays there: results in its frame, too"),
+    ("closing", "Board at the end", "tells whether a camera was bumped meanwhile"),
+)
 
 
 async def poses_page(work: Work, watcher: Watcher) -> None:
@@ -42,6 +48,12 @@ async def poses_page(work: Work, watcher: Watcher) -> None:
         session = work.session
         if session is None:
             tag("p", "Describe the session in step 1 first.")
+            return
+        if any(
+            file.frame is not None for files in session.shaft.values() for file in files.values()
+        ):
+            watcher.set_task(None)
+            tag("p", "The poses of this session are videos: go on to step 4.")
             return
         shaft = await asyncio.to_thread(work.shaft)
         if shaft is None:
@@ -69,6 +81,7 @@ class _PosesPage:
         with ui.element("section").classes("card"):
             tag("h2", "The RCM of the poses so far")
             self._numbers = ui.element("div").classes("two")
+        self._others()
         add_pictures("shaft", work.session.cameras if work.session else ())
         keys({"C": self._capture, "U": self._undo, "A": self._toggle})
         client = ui.context.client
@@ -88,8 +101,21 @@ class _PosesPage:
         button("Undo last", self._undo, key="U")
         self._auto = button("Automatic: on", self._toggle, key="A")
 
+    def _others(self) -> None:
+        """Offer the pictures that are no poses."""
+        with ui.element("details").classes("card"):
+            tag("summary", "Other pictures, all of them optional")
+            for group, label, use in _OTHERS:
+                with ui.element("p"):
+                    button(label, partial(self._ask, group))
+                    text(use)
+            self._taken = Tell()
+
+    def _ask(self, group: pipeline.Group) -> None:
+        self._task.asked = group
+
     def _capture(self) -> None:
-        self._task.asked = True
+        self._task.asked = "shaft"
 
     def _toggle(self) -> None:
         self._task.automatic = not self._task.automatic
@@ -123,6 +149,7 @@ class _PosesPage:
         if self._added != self._work.added:
             self._added = self._work.added
             await asyncio.to_thread(self._task.count)
+        self._taken.say(self._task.taken, "good")
         if self._version != self._task.version:
             self._version = self._task.version
             self._draw_numbers()

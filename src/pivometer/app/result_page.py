@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import math
 
 from markupsafe import Markup
 from nicegui import ui
 
-from pivometer import pipeline
 from pivometer.app.shell import Field, Tell, button, drawing, enable, keys, page_frame, tag
 from pivometer.app.view_list import ViewList, ViewRow
 from pivometer.app.watcher import Watcher
@@ -15,7 +15,6 @@ from pivometer.app.work import Work
 from pivometer.errors import PivometerError
 from pivometer.io.session import Session
 from pivometer.measurement import Measurement, UsedPose
-from pivometer.pipeline.checking import CheckOutcome
 from pivometer.report import captions
 from pivometer.report.chart import pose_chart
 from pivometer.report.overlays import photo_overlay
@@ -55,7 +54,6 @@ class _ResultPage:
             with ui.element("div").classes("fields"):
                 self._limit = Field("Limit of the largest miss, mm", kind="number")
             button("Check the limit", self._check)
-            self._decision = Tell()
         self._views = ViewList(work, _TITLES, self._measure, self._overlay)
         self._figures = ui.element("section").classes("card figures")
         keys({"M": self._measure})
@@ -65,6 +63,8 @@ class _ResultPage:
         """Draw what holds now."""
         measured = await asyncio.to_thread(self._work.result)
         self._show(measured)
+        if self._work.limit_mm is not None:
+            self._limit.show(f"{self._work.limit_mm:g}")
 
     def _tell(self) -> None:
         if self._busy:
@@ -94,7 +94,6 @@ class _ResultPage:
     def _show(self, measured: Measurement | None) -> None:
         self._answer.clear()
         self._figures.clear()
-        self._decision.say("")
         if self._work.session is not None:
             self._views.draw(_rows(measured, self._work.session))
         if measured is None:
@@ -116,34 +115,31 @@ class _ResultPage:
         return photo_overlay(found[0], rig.cameras[rig.index(camera)], measured)
 
     async def _check(self) -> None:
-        """Hold the robot's own largest miss against the limit."""
-        measured = self._work.measured
+        """Hold the robot's own largest miss against the limit; the report then says so, too."""
         try:
             limit = float(self._limit.value)
         except ValueError:
             limit = 0.0
-        if measured is None or limit <= 0:
-            self._decision.say("Measure first, and give a limit above 0 mm.", "warn")
+        if self._work.measured is None or not 0 < limit < math.inf:
+            self._told.say("Measure first, and give a limit above 0 mm.", "warn")
             return
         try:
-            outcome = await asyncio.to_thread(pipeline.check, measured, limit)
+            measured = await asyncio.to_thread(self._work.decide, limit)
         except PivometerError as error:
-            self._decision.say(f"{error.what}. Next: {error.next_step}.", "bad")
+            self._told.say(f"{error.what}. Next: {error.next_step}.", "bad")
             return
-        self._decision.say(*_decided(outcome))
-
-
-def _decided(outcome: CheckOutcome) -> tuple[str, str]:
-    kind = {"pass": "good", "over": "bad"}.get(outcome.decision, "warn")
-    unmet = [condition.text for condition in outcome.validity if condition.status == "not met"]
-    words = [f"{outcome.decision.capitalize()}: {outcome.text}. Rule: {outcome.rule}."]
-    return " ".join([*words, *(f"Not met: {text}." for text in unmet)]), kind
+        self._told.say("Decided.", "good")
+        self._show(measured)
 
 
 def _say(measured: Measurement) -> None:
     told = verdict(measured)
     tag("p", told.sentence).classes("say" if told.usable else "say tell bad")
     tag("p", told.rejected)
+    if measured.decision is not None:
+        kind = {"pass": "good", "over": "bad"}.get(measured.decision.decision, "warn")
+        tag("p", told.decision).classes(f"tell {kind}")
+    tag("p", told.rule)
     for finding in measured.findings:
         kind = "bad" if finding.severity == "refusal" else "warn"
         tag("p", f"{finding.text}; {finding.next_step}").classes(f"tell {kind}")

@@ -35,7 +35,8 @@ class ShaftTask:
     def __init__(self, work: Work, watcher: Watcher, shaft: LiveShaft) -> None:
         self.automatic = True
         self.told = ""
-        self.asked = False
+        self.taken = ""
+        self.asked: pipeline.Group | None = None
         self.version = 0
         self.now: Floats | None = None
         self.directions: Floats = np.zeros((0, 3))
@@ -85,9 +86,10 @@ class ShaftTask:
         """Draw the edges, and take the moment if it is asked for or says something new."""
         pose = self._glimpse({name: frame.image for name, frame in moment.items()})
         self.told = self._said(pose)
-        wanted = self.asked or (self.automatic and still and self._worth(pose))
-        self.asked = False
-        if wanted:
+        asked, self.asked = self.asked, None
+        if asked is not None and asked != "shaft":
+            self._take_other(moment, asked)
+        elif asked or (self.automatic and still and self._worth(pose)):
             self._take(moment)
 
     def _glimpse(self, images: Mapping[str, Image]) -> LivePose:
@@ -123,6 +125,14 @@ class ShaftTask:
         self.count()
         fault = self._shaft.fault_of(stem)
         self.told = f"Pose {stem} taken." if fault is None else f"Pose {stem} taken, but {fault}."
+
+    def _take_other(self, moment: Mapping[str, Frame], group: pipeline.Group) -> None:
+        """Take a picture that is no pose: of the empty scene, or of a board that stands there."""
+        session = self._work.session
+        if session is not None:
+            images = {name: frame.image for name, frame in moment.items()}
+            stem = pipeline.capture(session, group, images)
+            self.taken = f"{group}/{stem} is taken."
 
     def _said(self, pose: LivePose) -> str:
         if not self._shaft.ready:

@@ -35,6 +35,7 @@ class Work:
         self._shaft: tuple[int, LiveShaft] | None = None
         self.added = 0
         self.measured: Measurement | None = None
+        self.limit_mm: float | None = None
         self._seen: tuple[object, pipeline.SeenShafts] | None = None
         self.glimpses: dict[Path, tuple[BoardGlimpse, tuple[int, int]] | None] = {}
         self.reload()
@@ -74,11 +75,23 @@ class Work:
             made = pipeline.calibrate(session, progress=progress)
             pipeline.write_calibration(made, self.folder / "results")
         session.require("shaft")
-        key = (tuple(session.shaft), (self.folder / "results" / "rig.json").stat().st_mtime_ns)
+        written = [self.folder / name for name in ("results/rig.json", "session.toml")]
+        key = (tuple(session.shaft), tuple(session.background), *map(_written_ns, written))
         if self._seen is None or self._seen[0] != key:
             self._seen = key, pipeline.see_shafts(session, made.rig, progress=progress)
         self.measured = None  # what held before does not any more, whatever comes of it
-        self.measured = pipeline.measure_seen(session, made, self._seen[1])
+        measured = pipeline.measure_seen(session, made, self._seen[1])
+        if self.limit_mm is not None:
+            measured = pipeline.with_decision(measured, self.limit_mm)
+        self.measured = measured
+        return measured
+
+    def decide(self, limit_mm: float) -> Measurement | None:
+        """Hold the result against a limit, from now on; `None` where there is no result."""
+        measured = self.result()
+        if measured is not None:
+            self.measured = pipeline.with_decision(measured, limit_mm)
+            self.limit_mm = limit_mm
         return self.measured
 
     def result(self) -> Measurement | None:
@@ -88,6 +101,8 @@ class Work:
             return None
         if self.measured is None or not pipeline.is_of_now(self.measured, self.session):
             self.measured = pipeline.standing_measurement(self.session)
+            if self.measured is not None and self.measured.decision is not None:
+                self.limit_mm = self.measured.decision.limit_mm
         return self.measured
 
     def done(self, step: str) -> str:
@@ -150,6 +165,10 @@ class Work:
     def moment(self) -> dict[str, Frame] | None:
         """Return every camera's frame of the newest moment that all have."""
         return same_moment(self.feeds)
+
+
+def _written_ns(path: Path) -> int:
+    return path.stat().st_mtime_ns
 
 
 def _count(count: int, done: bool) -> str:

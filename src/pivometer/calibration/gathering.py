@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,9 +32,9 @@ class Coverage:
     Parameters
     ----------
     name
-        The camera; ``"shared"`` for the moments that all cameras share.
+        The camera; ``"shared"`` for the moments that cameras share.
     views
-        Their number.
+        Their number; of shared moments, that of the camera with the fewest.
     x, y
         Part of the image's width and height that corners reach, over what is wanted, 0 to 1.
     size
@@ -67,7 +67,7 @@ class Gathering:
     cameras
         Coverage of each camera.
     shared
-        Coverage of the moments that all cameras share, as the first camera sees them.
+        Coverage of the moments that two cameras or more share, as the first camera sees them.
     advice
         One sentence.
     """
@@ -103,8 +103,10 @@ def gathering(moments: Sequence[Moment], cameras: Sequence[str]) -> Gathering:
         All cameras, the reference first.
     """
     covers = tuple(_coverage(name, [m[name] for m in moments if name in m]) for name in cameras)
-    together = [m[cameras[0]] for m in moments if all(name in m for name in cameras)]
-    shared = _coverage("shared", together)
+    together = [moment for moment in moments if len(moment) > 1]
+    seen = _coverage("shared", [m[cameras[0]] for m in together if cameras[0] in m])
+    fewest = min(sum(name in moment for moment in together) for name in cameras)
+    shared = replace(seen, views=fewest)
     return Gathering(covers, shared, _advice(covers, shared))
 
 

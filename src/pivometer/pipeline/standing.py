@@ -15,6 +15,7 @@ from pivometer.errors import DataError, PivometerError
 from pivometer.io.result import read_result, read_rig
 from pivometer.io.session import Session
 from pivometer.measurement import Measurement
+from pivometer.pipeline.provenance import SETTINGS, settings_hashes
 
 _BY_HAND = "excluded by hand"
 
@@ -60,10 +61,17 @@ def standing_measurement(session: Session) -> Measurement | None:
 
 
 def is_of_now(measurement: Measurement, session: Session) -> bool:
-    """Tell whether a measurement is of the poses that a session has, and has not excluded."""
+    """Tell whether a measurement is of the description and poses that a session has now."""
     out = {pose.pose for pose in measurement.rejected if pose.reason.startswith(_BY_HAND)}
     wanted = {stem for stem in session.shaft if f"shaft/{stem}" in session.excluded}
-    return [pose.pose for pose in measurement.poses] == list(session.shaft) and out == wanted
+    described = settings_hashes(session)[SETTINGS]
+    with_empty = any(name.startswith("background/") for name in measurement.inputs)
+    return (
+        [pose.pose for pose in measurement.poses] == list(session.shaft)
+        and out == wanted
+        and measurement.inputs.get(SETTINGS, described) == described
+        and with_empty == bool(session.background)
+    )
 
 
 @dataclass(frozen=True, slots=True)
