@@ -118,3 +118,16 @@ def test_setup_table_flattens_free_form_tables(measurement):
 def test_charuco_markers_are_described():
     board = Board("charuco", (9, 7), 15.0, None, "DICT_4X4_50", 11.0)
     assert "markers DICT_4X4_50 of 11 mm" in setup_tables.board_text(board)
+
+
+def test_the_robots_own_error_stands_beside_the_instruments(measurement):
+    from dataclasses import replace
+
+    from pivometer.uncertainty.intrinsic import IntrinsicError
+
+    assert tables.own_error_table(measurement) is None
+    own = IntrinsicError(0.1, [0.09, 0.11], [0.15, 0.25], 0.012, 0.95, 0.9, 0.95)
+    table = tables.own_error_table(replace(measurement, intrinsic=own))
+    assert table.rows[0][2:] == ("0.012", "0.090 to 0.110")
+    assert table.rows[1][2:] == ("–", "0.150 to 0.250")
+    assert table.columns[-1] == "own, 95 % interval"

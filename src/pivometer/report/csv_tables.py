@@ -23,6 +23,7 @@ def csv_files(measurement: Measurement) -> dict[str, str]:
         "location": tables.location_table(measurement),
         "location-board-frame": tables.board_location_table(measurement),
         "misses": tables.miss_table(measurement),
+        "own-error": tables.own_error_table(measurement),
         "points": all_points_table(measurement),
         "paper-table-1": tables.paper_table(measurement),
         "shaft": shaft_table(measurement),

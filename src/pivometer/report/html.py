@@ -137,6 +137,7 @@ def _tables(measurement: Measurement) -> dict[str, object]:
         "location": tables.location_table(measurement),
         "board_location": tables.board_location_table(measurement),
         "misses": tables.miss_table(measurement),
+        "own": tables.own_error_table(measurement),
         "shaft": shaft_table(measurement),
         "all_points": all_points_table(measurement),
         "paper": tables.paper_table(measurement),

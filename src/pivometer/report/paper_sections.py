@@ -126,6 +126,9 @@ class Paper:
             if table is not None:
                 yield _table(table)
         yield _table(tables.miss_table(m))
+        own = tables.own_error_table(m)
+        if own is not None:
+            yield _table(own)
         if shaft is not None:
             yield _table(shaft, "texts")
         yield _table(all_points_table(m))

@@ -198,7 +198,11 @@ def _options(options: Options | None) -> list[tuple[str, str]]:
     if options is None:
         return []
     source = "from elsewhere" if options.rig_given else f"{options.method}, {options.distortion}"
-    return [("calibration", source), ("centerline", options.centerline)]
+    hints = [
+        (f"hint, {camera}", f"x {hint.x_px:g}, y {hint.y_px:g} px")
+        for camera, hint in options.hints.items()
+    ]
+    return [("calibration", source), ("centerline", options.centerline), *hints]
 
 
 def moment_text(measurement: Measurement) -> str:
