@@ -19,6 +19,9 @@ from pivometer.shaft.across import EdgeProfiles
 
 RESULT, RECORD = "result.json", "record.json"
 
+LARGEST_BYTES = 300_000_000
+"""A result of 10 000 poses has 150 MB; a file that claims more is not unpacked."""
+
 Key = tuple[str, str]
 """Pose and camera."""
 
@@ -133,10 +136,20 @@ def packed(text: str) -> str:
 
 
 def unpacked(block: str) -> str | None:
-    """Return a compressed text; `None` if it is damaged."""
+    """Return a compressed text; `None` if it is damaged, or larger than any of ours."""
     try:
-        return gzip.decompress(base64.b64decode(block, validate=True)).decode()
-    except (binascii.Error, OSError, EOFError, zlib.error, UnicodeDecodeError):
+        return inflated(base64.b64decode(block, validate=True), gzip_head=True)
+    except binascii.Error:
+        return None
+
+
+def inflated(content: bytes, *, gzip_head: bool) -> str | None:
+    """Return a compressed text; `None` if it is damaged, or larger than any of ours."""
+    unpacking = zlib.decompressobj(wbits=31 if gzip_head else 15)
+    try:
+        text = unpacking.decompress(content, LARGEST_BYTES)
+        return text.decode() if unpacking.eof else None
+    except (zlib.error, UnicodeDecodeError):
         return None
 
 

@@ -6,7 +6,8 @@ pictures as they were.
 
 import hashlib
 import re
-import zlib
+
+from pivometer.report.embedding import inflated
 
 _ATTACHED = re.compile(
     rb"<</Length (\d+)/Type/EmbeddedFile(/Filter/FlateDecode)?[^\n]*>>\nstream\n"
@@ -24,14 +25,13 @@ def attachments_of_pdf(pdf: bytes) -> list[str]:
 
     Those that are damaged are left out.
     """
-    texts = []
-    for found in _ATTACHED.finditer(pdf):
-        try:
-            content = _stream(pdf, found)
-            texts.append((zlib.decompress(content) if found[2] else content).decode())
-        except (zlib.error, UnicodeDecodeError):
-            continue
-    return texts
+    texts = (
+        inflated(_stream(pdf, found), gzip_head=False)
+        if found[2]
+        else _stream(pdf, found).decode(errors="replace")
+        for found in _ATTACHED.finditer(pdf)
+    )
+    return [text for text in texts if text is not None]
 
 
 def pictures_of_pdf(pdf: bytes) -> dict[str, bytes]:
