@@ -168,7 +168,7 @@ class _CalibratePage:
         session = self._work.session
         if session is None:
             return
-        made, rows, told = await asyncio.to_thread(_looked_up, session)
+        made, rows, told = await asyncio.to_thread(_looked_up, self._work, session)
         self._result.clear()
         with self._result:
             tag("h2", "Calibration")
@@ -179,9 +179,11 @@ class _CalibratePage:
         self._views.draw(rows)
 
 
-def _looked_up(session: Session) -> tuple[Calibration | None, list[ViewRow], Advice | None]:
+def _looked_up(
+    work: Work, session: Session
+) -> tuple[Calibration | None, list[ViewRow], Advice | None]:
     """Read the calibration that holds, and what to say of it and of the views."""
-    made = pipeline.standing_calibration(session)
+    made = work.calibration()
     return made, view_rows(session, made), None if made is None else advice(made)
 
 

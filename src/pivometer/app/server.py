@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import sys
 from pathlib import Path
@@ -79,21 +80,26 @@ def _add_pages(work: Work, watcher: Watcher) -> None:
     """Register all pages and addresses."""
 
     @ui.page("/")
-    def setup() -> None:
+    async def setup() -> None:
+        await asyncio.to_thread(work.look_around)
         setup_page(work, watcher)
 
     @ui.page("/calibrate")
-    def calibrate() -> None:
+    async def calibrate() -> None:
+        await asyncio.to_thread(work.look_around)
         calibrate_page(work, watcher)
 
     @ui.page("/poses")
     async def poses() -> None:
+        await asyncio.to_thread(work.look_around)
         await poses_page(work, watcher)
 
     @ui.page("/result")
     async def result() -> None:
+        await asyncio.to_thread(work.look_around)
         await result_page(work, watcher)
 
     @ui.page("/report")
     async def report() -> None:
+        await asyncio.to_thread(work.look_around)
         await report_page(work, watcher)

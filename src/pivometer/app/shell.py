@@ -48,7 +48,8 @@ def page_frame(work: Work, path: str, lead: str) -> Iterator[None]:
             text(str(work.folder.name))
         with ui.element("nav").props('aria-label="Steps"'), ui.element("ol").classes("steps"):
             for number, (address, name) in enumerate(STEPS, start=1):
-                _step(address, f"{number} {name}", current=address == path, note=work.done(address))
+                note = work.notes.get(address, "")
+                _step(address, f"{number} {name}", current=address == path, note=note)
     with ui.element("div").classes("content").props('id="main" tabindex="-1"'):
         tag("h1", title)
         tag("p", lead).classes("lead")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pivometer import pipeline
 from pivometer.app.feeds import Feed, same_moment
+from pivometer.calibration import Calibration
 from pivometer.calibration.glimpse import BoardGlimpse
 from pivometer.errors import PivometerError, UsageError
 from pivometer.io.live import Frame
@@ -36,6 +37,8 @@ class Work:
         self.added = 0
         self.measured: Measurement | None = None
         self.limit_mm: float | None = None
+        self.notes: dict[str, str] = {}
+        self._results = pipeline.StandingResults(folder)
         self._seen: tuple[object, pipeline.SeenShafts] | None = None
         self.glimpses: dict[Path, tuple[BoardGlimpse, tuple[int, int]] | None] = {}
         self.reload()
@@ -48,9 +51,13 @@ class Work:
             self.session = None
             self.fault = str(error) if (self.folder / "session.toml").exists() else None
 
+    def calibration(self) -> Calibration | None:
+        """Return the calibration in the folder, if it is of the pictures there are."""
+        return None if self.session is None else self._results.calibration(self.session)
+
     def shaft(self) -> LiveShaft | None:
         """Return what is known of the shaft; `None` without a calibration that holds."""
-        made = None if self.session is None else pipeline.standing_calibration(self.session)
+        made = self.calibration()
         if made is None:
             return None
         written = (self.folder / "results" / "rig.json").stat().st_mtime_ns
@@ -70,7 +77,7 @@ class Work:
         session = self.session
         if session is None:
             raise UsageError(self.fault or "no session yet", next_step="describe it in step 1")
-        made = pipeline.standing_calibration(session)
+        made = self.calibration()
         if made is None:
             made = pipeline.calibrate(session, progress=progress)
             pipeline.write_calibration(made, self.folder / "results")
@@ -100,25 +107,27 @@ class Work:
         if self.session is None:
             return None
         if self.measured is None or not pipeline.is_of_now(self.measured, self.session):
-            self.measured = pipeline.standing_measurement(self.session)
+            self.measured = self._results.measurement(self.session)
             if self.measured is not None and self.measured.decision is not None:
                 self.limit_mm = self.measured.decision.limit_mm
         return self.measured
 
-    def done(self, step: str) -> str:
-        """Return a short note on how far one step is; empty where it has not begun."""
+    def look_around(self) -> None:
+        """Read the folder again, which others may have changed, and note how far each step is."""
+        measured = self.result()
         session = self.session
         if session is None:
-            return ""
-        results = self.folder / "results"
-        notes = {
+            self.notes = {}
+            return
+        reported = (self.folder / "results" / "report.html").is_file()
+        holds = self._results.measurement(session) is not None
+        self.notes = {
             "/": "✓",
-            "/calibrate": _count(len(session.board_views), (results / "rig.json").is_file()),
-            "/poses": _count(len(session.shaft), False),
-            "/result": "✓" if (results / "result.json").is_file() else "",
-            "/report": "✓" if (results / "report.html").is_file() else "",
+            "/calibrate": _note(len(session.board_views), self.calibration() is not None),
+            "/poses": _note(len(session.shaft), False),
+            "/result": _note(0, measured is not None),
+            "/report": _note(0, reported and holds),
         }
-        return notes[step]
 
     def open_cameras(self, sources: Mapping[str, str], rate_hz: float) -> None:
         """Open the cameras in place of those that are open.
@@ -171,5 +180,5 @@ def _written_ns(path: Path) -> int:
     return path.stat().st_mtime_ns
 
 
-def _count(count: int, done: bool) -> str:
+def _note(count: int, done: bool) -> str:
     return " ".join([*([str(count)] if count else []), *(["✓"] if done else [])])

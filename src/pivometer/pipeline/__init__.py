@@ -38,6 +38,7 @@ from pivometer.pipeline.solving import (
     write_solution,
 )
 from pivometer.pipeline.standing import (
+    StandingResults,
     ViewQuality,
     is_of_now,
     standing_calibration,
@@ -64,6 +65,7 @@ __all__ = [
     "SeenShafts",
     "SolvedLines",
     "SolvedPoses",
+    "StandingResults",
     "Verification",
     "ViewQuality",
     "add_picture",

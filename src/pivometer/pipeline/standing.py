@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import astuple, dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -25,39 +27,66 @@ def standing_calibration(session: Session) -> Calibration | None:
 
     A picture more, a picture less, an exclusion or its undoing makes it old.
     """
-    path = session.folder / "results" / "rig.json"
-    known = _read(path)
-    if not isinstance(known, Calibration):
-        return None
-    files = list(session.board_images())
-    out = {(one.camera, one.view) for one in known.rejected if one.reason.startswith(_BY_HAND)}
-    wanted = {(file.camera, file.view) for file in files if file.view in session.excluded}
-    of_these = set(known.inputs) == {file.name for file in files}
-    same_board = known.board.squares == session.board.squares and (
-        known.board.square_mm == session.board.square_mm
-    )
-    return known if of_these and out == wanted and same_board else None
-
-
-def _read(path: Path) -> object:
-    if not path.is_file():
-        return None
-    try:
-        return read_rig(path)
-    except PivometerError:
-        return None
+    return StandingResults(session.folder).calibration(session)
 
 
 def standing_measurement(session: Session) -> Measurement | None:
     """Return the measurement in the session's results, if it is of the poses there are."""
-    path = session.folder / "results" / "result.json"
-    if not path.is_file() or standing_calibration(session) is None:
-        return None
-    try:
-        known = read_result(path)
-    except PivometerError:
-        return None
-    return known if is_of_now(known, session) else None
+    return StandingResults(session.folder).measurement(session)
+
+
+class StandingResults:
+    """The results in a session's folder, which are read again only when their files change.
+
+    Parameters
+    ----------
+    folder
+        The session folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder / "results"
+        self._known: dict[str, tuple[int, object]] = {}
+
+    def calibration(self, session: Session) -> Calibration | None:
+        """Return the calibration, as `standing_calibration`."""
+        known = self._read("rig.json", read_rig)
+        fits = isinstance(known, Calibration) and calibration_is_of_now(known, session)
+        return cast("Calibration", known) if fits else None
+
+    def measurement(self, session: Session) -> Measurement | None:
+        """Return the measurement, as `standing_measurement`."""
+        known = self._read("result.json", read_result)
+        if not isinstance(known, Measurement) or self.calibration(session) is None:
+            return None
+        return known if is_of_now(known, session) else None
+
+    def _read(self, name: str, reader: Callable[[Path], object]) -> object:
+        path = self._folder / name
+        if not path.is_file():
+            return None
+        written = path.stat().st_mtime_ns
+        if name not in self._known or self._known[name][0] != written:
+            try:
+                self._known[name] = written, reader(path)
+            except PivometerError:  # spoilt, or of another version: as if it were not there
+                self._known[name] = written, None
+        return self._known[name][1]
+
+
+def calibration_is_of_now(calibration: Calibration, session: Session) -> bool:
+    """Tell whether a calibration is of the board and the board pictures that a session has now."""
+    files = list(session.board_images())
+    lost = {(one.camera, one.view): one.reason for one in calibration.rejected}
+    out = {view for view, reason in lost.items() if reason.startswith(_BY_HAND)}
+    wanted = {(file.camera, file.view) for file in files if file.view in session.excluded}
+    unread = {(f.camera, f.view) for f in files if f.name not in calibration.inputs}
+    return (
+        set(calibration.inputs) <= {file.name for file in files}
+        and unread <= set(lost)
+        and out == wanted
+        and astuple(calibration.board) == astuple(session.board)
+    )
 
 
 def is_of_now(measurement: Measurement, session: Session) -> bool:
