@@ -11,6 +11,7 @@ so a cluttered background or a collar changes them as it likes (variable project
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -159,6 +160,7 @@ def linearize(bands: Bands, parameters: Floats, weights: Floats, model: Model) -
     """
     x = bands.distances(parameters)
     values, slopes, spreads = _terms(x, float(parameters[4]), bands.half_width_px, model)
+    # The terms lie along the last axis where they are projected, and apart where they are summed.
     grey = bands.grey[..., None]
     W = weights[..., None]
     if model.cluttered:
@@ -174,13 +176,24 @@ def linearize(bands: Bands, parameters: Floats, weights: Floats, model: Model) -
         by_chunk = _Projection(_chunked(values), _chunked(W))
         levels = by_chunk.levels(_chunked(grey))[..., None, :, :]
     residual = (grey - values @ levels)[..., 0]
-    across = -bands.scale * (slopes @ levels)[..., 0]
-    jacobian = np.stack([across, across * bands.lever, (spreads @ levels)[..., 0]], axis=-1)
+    jacobian = np.empty((*x.shape, 3))
+    across = -bands.scale * _summed(slopes, levels)
+    jacobian[..., 0] = across
+    np.multiply(across, bands.lever, out=jacobian[..., 1])
+    jacobian[..., 2] = _summed(spreads, levels)
     if by_row is not None:
         jacobian = by_row(jacobian)
     jacobian = by_chunk(_chunked(jacobian)).reshape(jacobian.shape)
     contrast = np.broadcast_to(levels[..., 2, 0] - levels[..., 0, 0], x.shape[:3])
     return Fit(parameters, jacobian, residual, contrast)
+
+
+def _summed(terms: Sequence[Floats], levels: Floats) -> Floats:
+    """Return the sum of terms times their levels (…, k, 1)."""
+    total = terms[0] * levels[..., 0, :]
+    for k, term in enumerate(terms[1:], start=1):
+        total += term * levels[..., k, :]
+    return total
 
 
 def _chunked(values: Floats) -> Floats:
@@ -260,31 +273,31 @@ def normal_cdf(z: Floats, density: Floats) -> Floats:
 
 def _terms(
     x: Floats, blur: float, half_width_px: Floats, model: Model
-) -> tuple[Floats, Floats, Floats]:
-    """Return the blurred terms (…, k) with their derivatives by distance and by blur.
+) -> tuple[Floats, list[Floats], list[Floats]]:
+    """Return the blurred terms (…, k) with each one's derivatives by distance and by blur.
 
     Blurring is diffusion: ∂/∂s = s ∂²/∂x² for every term.
     """
-    from scipy.special import ndtr
-
     z = x / blur
     bell = np.exp(-0.5 * z * z) / (np.sqrt(2 * np.pi) * blur)
-    outside = ndtr(z)
+    outside = normal_cdf(z, bell * blur)
     inside = 1 - outside
-    values = [outside, x * outside + blur * blur * bell, inside]
+    wide = blur * blur * bell
+    steep = z * bell
+    values = [outside, x * outside + wide, inside]
     slopes = [bell, outside, -bell]
-    spreads = [-z * bell, blur * bell, z * bell]
+    spreads = [-steep, blur * bell, steep]
     if model.ramp:
-        values.append(-x * inside + blur * blur * bell)
+        values.append(wide - x * inside)
         slopes.append(-inside)
-        spreads.append(blur * bell)
+        spreads.append(spreads[1])
     if model.limb:
-        table = limb(x, blur, half_width_px)
+        half = half_width_px.mean(axis=2).reshape(-1, 1)
+        table = [part.reshape(x.shape) for part in limb(x.reshape(len(half), -1), blur, half)]
         values.append(table[0])
         slopes.append(table[1])
         spreads.append(table[2])
-    stacked = [np.stack(terms, axis=-1) for terms in (values, slopes, spreads)]
-    return stacked[0], stacked[1], stacked[2]
+    return np.stack(values, axis=-1), slopes, spreads
 
 
 def limb(x: Floats, blur: float, half_width_px: Floats) -> tuple[Floats, Floats, Floats]:
@@ -293,36 +306,45 @@ def limb(x: Floats, blur: float, half_width_px: Floats) -> tuple[Floats, Floats,
     From tables of half widths 5 % apart and blurs 0.02 px apart, which are kept: between half
     widths it is interpolated, which changes it by 0.0002 of its height, and from the nearest blur
     it goes on by the derivative.
+
+    Parameters
+    ----------
+    x
+        Distances outward from the edge, px, in chunks of the same half width, shape (chunks, p).
+    blur
+        Standard deviation of the blur, px.
+    half_width_px
+        Half the shaft's width, shape (chunks, 1).
     """
     least, largest = float(half_width_px.min()), float(half_width_px.max())
-    low, high = int(np.floor(np.log(least) / HALF_STEP)), int(np.ceil(np.log(largest) / HALF_STEP))
+    low = int(np.floor(np.log(least) / HALF_STEP))
+    high = max(low + 1, int(np.ceil(np.log(largest) / HALF_STEP)))
     nearest = round(blur / BLUR_STEP_PX)
-    span = float(x.min()), float(x.max())
-    first, last = np.floor(span[0] / RANGE_PX) * RANGE_PX, np.ceil(span[1] / RANGE_PX) * RANGE_PX
+    first = float(np.floor(x.min() / RANGE_PX) * RANGE_PX)
+    last = float(np.ceil(x.max() / RANGE_PX) * RANGE_PX)
+    narrow, wide = (
+        _limb_table(first, last, nearest * BLUR_STEP_PX, float(np.exp(k * HALF_STEP)))
+        for k in (low, high)
+    )
+    ends = np.exp(low * HALF_STEP), np.exp(high * HALF_STEP)
+    tables = narrow + ((half_width_px - ends[0]) / (ends[1] - ends[0]))[:, None] * (wide - narrow)
     at = (x - first) / TABLE_STEP_PX
     index = at.astype(np.intp)
     part = at - index
-    narrow, wide = (
-        _limb_table(first, last, nearest * BLUR_STEP_PX, float(np.exp(k * HALF_STEP)))
-        for k in (low, max(high, low + 1))
-    )
-    ends = np.exp(low * HALF_STEP), np.exp(max(high, low + 1) * HALF_STEP)
-    towards = (half_width_px - ends[0]) / (ends[1] - ends[0])
+    index += (np.arange(len(x)) * tables.shape[-1])[:, None]
     values = []
-    for less, more in zip(narrow, wide, strict=True):
-        one, other = less.take(index), more.take(index)
-        one += part * (less[1:].take(index) - one)
-        other += part * (more[1:].take(index) - other)
-        values.append(one + towards * (other - one))
+    for table in np.moveaxis(tables, 1, 0):
+        every = table.ravel()
+        value = every.take(index)
+        value += part * (every[1:].take(index) - value)
+        values.append(value)
     value, slope, spread = values
     return value + (blur - nearest * BLUR_STEP_PX) * spread, slope, spread
 
 
 @lru_cache(maxsize=256)
-def _limb_table(
-    first: float, last: float, blur: float, half_width_px: float
-) -> tuple[Floats, Floats, Floats]:
-    """Return the blurred limb of one half width, with its derivatives, from first to last + one."""
+def _limb_table(first: float, last: float, blur: float, half_width_px: float) -> Floats:
+    """Return the blurred limb of one half width with its derivatives, from first on; (3, n)."""
     half = int(np.ceil(5 * blur / TABLE_STEP_PX))
     count = round((last - first) / TABLE_STEP_PX) + 2
     # The integral of the sharp limb is smooth at its end, so differences of it are exact cells.
@@ -332,11 +354,8 @@ def _limb_table(
     t = np.arange(-half, half + 1) * TABLE_STEP_PX
     kernel = np.exp(-0.5 * (t / blur) ** 2)
     kernel /= kernel.sum()
-    value, slope, spread = (
-        np.convolve(sharp, weight, mode="valid")
-        for weight in (kernel, -kernel * t / blur**2, kernel * (t**2 / blur**2 - 1) / blur)
-    )
-    return value, slope, spread
+    weights = (kernel, -kernel * t / blur**2, kernel * (t**2 / blur**2 - 1) / blur)
+    return np.stack([np.convolve(sharp, weight, mode="valid") for weight in weights])
 
 
 def _limb_integral(u: Floats) -> Floats:

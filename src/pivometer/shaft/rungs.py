@@ -7,7 +7,7 @@ blurred, and their levels solved for in every chunk of rows (variable projection
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -211,15 +211,30 @@ def solve(
         Where the rests were taken, shape (5,).
     """
     whole, right = np.zeros((5, 5)), np.zeros(5)
-    for rest in rests:
-        for edge, own in enumerate(([0, 1, 4], [2, 3, 4])):
-            at = rest.edge == edge
-            whole[np.ix_(own, own)] += rest.information[at].sum(axis=0) / noise**2
-            right[own] += rest.gradient[at].sum(axis=0) / noise**2
+    for edge, information, gradient in _by_edge(rests):
+        own = slice(2 * edge, 2 * edge + 2)
+        whole[own, own] = information[:2, :2]
+        whole[own, 4] = whole[4, own] = information[:2, 2]
+        whole[4, 4] += information[2, 2]
+        right[own] = gradient[:2]
+        right[4] += gradient[2]
+    whole /= noise**2
+    right /= noise**2
     whole[4, 4] += 1 / blur.sigma_px**2
     right[4] += (blur.mean_px - parameters[4]) / blur.sigma_px**2
-    covariance = np.asarray(np.linalg.inv(whole + np.diag(1e-9 * np.diag(whole) + 1e-9)))
+    whole[range(5), range(5)] *= 1 + 1e-9
+    whole[range(5), range(5)] += 1e-9
+    covariance = np.asarray(np.linalg.inv(whole))
     return covariance @ right, covariance
+
+
+def _by_edge(rests: Sequence[Rest]) -> Iterator[tuple[int, Floats, Floats]]:
+    """Yield each edge with the sums of its chunks' normal equations."""
+    for rest in rests:
+        first, last = int(rest.edge[0]), int(rest.edge[-1])
+        parts = rest.information.reshape(last - first + 1, -1, 3, 3).sum(axis=1)
+        rights = rest.gradient.reshape(last - first + 1, -1, 3).sum(axis=1)
+        yield from zip(range(first, last + 1), parts, rights, strict=True)
 
 
 def misfits(rest: Rest, step: Floats, noise: float) -> tuple[float, float]:
