@@ -220,3 +220,30 @@ def test_inputs_outside_the_session_are_not_read(outcome, tmp_path):
     secret = tmp_path / "secret"
     secret.write_bytes(b"")
     assert _inputs({"../secret": "0" * 64}, tmp_path / "s").text == "../secret (missing)"
+
+
+def test_a_calibration_from_elsewhere_is_checked_only_where_it_is_named(
+    copied, monkeypatch, outcome
+):
+    from dataclasses import replace
+
+    from pivometer.io.result import result_text
+    from pivometer.pipeline import verifying
+
+    made = outcome.measurement
+    options = replace(made.provenance.options, rig_given=True)
+    given = replace(made, provenance=replace(made.provenance, options=options))
+    rigs = []
+    monkeypatch.setattr(verifying, "measure", lambda *_, rig, **__: rigs.append(rig) or given)
+    path = copied / "results" / "result.json"
+    path.write_text(result_text(given), encoding="utf-8")
+    found = pipeline.verify(path)
+    assert status(found)["the calibration"] == "not checked"
+    assert found.exit_code == 5
+    assert pipeline.verify(path, rig=made.calibration).exit_code == 0
+    assert rigs[1] is made.calibration
+
+
+def test_a_session_that_is_not_there_is_wrong_usage(outcome, tmp_path, capsys):
+    assert main(["verify", str(outcome.report), str(tmp_path / "none")]) == 2
+    assert "is no folder" in capsys.readouterr().err

@@ -11,6 +11,7 @@ def verify(
     session: Annotated[Path | None, Parameter(name="SESSION")] = None,
     /,
     *,
+    rig: Path | None = None,
     file_only: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Verify that a report says what its inputs say.
@@ -24,6 +25,8 @@ def verify(
         A report.html, report.pdf or result.json that Pivometer wrote.
     session
         The session folder; the one in whose results the file lies where none is given.
+    rig
+        The --rig that measure was given, if any; without it the calibration is not checked.
     file_only
         Look at the file only, not at the session: finds what was changed by accident, but whoever
         can write a whole new result can write a new SHA-256 into it.
@@ -31,10 +34,12 @@ def verify(
     from pivometer import pipeline
     from pivometer.cli.progress import progress_bar
     from pivometer.cli.show import say, show_table
+    from pivometer.io.formats import read_any_rig
     from pivometer.report import Table
 
+    known = None if rig is None else read_any_rig(rig)
     with progress_bar() as progress:
-        found = pipeline.verify(file, session, file_only=file_only, progress=progress)
+        found = pipeline.verify(file, session, rig=known, file_only=file_only, progress=progress)
     rows = tuple((one.name, one.status, one.text) for one in found.examined)
     show_table(Table(f"{file}", ("what", "", "found"), rows))
     say(found.sentence)

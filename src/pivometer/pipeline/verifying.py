@@ -7,10 +7,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from pivometer.errors import PivometerError
+from pivometer.calibration import Calibration
+from pivometer.errors import PivometerError, UsageError
 from pivometer.io.result import result_content
 from pivometer.io.session import load
-from pivometer.measurement import Measurement, Options, Provenance
+from pivometer.measurement import ImportedRig, Measurement, Options, Provenance
 from pivometer.pipeline.checking import with_decision
 from pivometer.pipeline.differences import differences
 from pivometer.pipeline.examining import Examined, Opened, named, opened_file, seal_examined
@@ -59,6 +60,7 @@ def verify(
     file: Path | str,
     session: Path | str | None = None,
     *,
+    rig: Calibration | ImportedRig | None = None,
     file_only: bool = False,
     progress: Progress | None = None,
 ) -> Verification:
@@ -71,6 +73,9 @@ def verify(
     session
         The session folder; the one the file lies in, or in whose ``results`` it lies, where none
         is given.
+    rig
+        The calibration that the measurement was given, if it was given one: without it that in the
+        file is used, and not checked.
     file_only
         Whether to leave the session alone, and look at the file only.
     progress
@@ -87,9 +92,15 @@ def verify(
         return Verification(path, (opened,))
     found = [*opened.examined, seal_examined(opened.content)]
     if not file_only:
-        folder = _session_of(path) if session is None else Path(session)
-        found += _against_session(opened, folder, progress)
+        folder = _session_of(path) if session is None else _folder(Path(session))
+        found += _against_session(opened, folder, rig, progress)
     return Verification(path, tuple(found))
+
+
+def _folder(session: Path) -> Path:
+    if not session.is_dir():
+        raise UsageError("is no folder", next_step="name the session’s folder", path=session)
+    return session
 
 
 def _session_of(path: Path) -> Path | None:
@@ -102,7 +113,10 @@ def _session_of(path: Path) -> Path | None:
 
 
 def _against_session(
-    opened: Opened, folder: Path | None, progress: Progress | None
+    opened: Opened,
+    folder: Path | None,
+    rig: Calibration | ImportedRig | None,
+    progress: Progress | None,
 ) -> Iterator[Examined]:
     if folder is None:
         text = "the file lies in no session: name the session's folder, too"
@@ -113,7 +127,11 @@ def _against_session(
     yield inputs
     if opened.report is not None and inputs.status != "changed":
         yield from shown_again(opened.report, opened.measurement, folder, progress)
-    yield _figures(opened, folder, inputs, progress)
+    provenance = opened.measurement.provenance
+    if rig is None and provenance and provenance.options and provenance.options.rig_given:
+        text = "it came from elsewhere and is taken as the file states it: name it with --rig"
+        yield Examined("the calibration", "not checked", text)
+    yield _figures(opened, folder, inputs, rig, progress)
 
 
 def _inputs(stated: Mapping[str, str], folder: Path) -> Examined:
@@ -148,7 +166,13 @@ def _digest(path: Path) -> str | None:
 # --- Its figures ---
 
 
-def _figures(opened: Opened, folder: Path, inputs: Examined, progress: Progress | None) -> Examined:
+def _figures(
+    opened: Opened,
+    folder: Path,
+    inputs: Examined,
+    rig: Calibration | ImportedRig | None,
+    progress: Progress | None,
+) -> Examined:
     """Measure again and compare."""
     name, provenance = "the figures", opened.measurement.provenance
     if inputs.status == "changed":
@@ -156,7 +180,7 @@ def _figures(opened: Opened, folder: Path, inputs: Examined, progress: Progress 
     if provenance is None or provenance.options is None:
         return Examined(name, "not checked", "the file does not state how it was measured")
     try:
-        again = _measured_again(opened.measurement, provenance.options, folder, progress)
+        again = _measured_again(opened.measurement, provenance.options, folder, rig, progress)
     except PivometerError as error:
         return Examined(name, "changed", f"measured again, the session is refused: {error.what}")
     unknown = again.inputs.keys() - opened.measurement.inputs.keys() - {SETTINGS}
@@ -185,11 +209,15 @@ def _other_versions(provenance: Provenance, again: Measurement) -> str:
 
 
 def _measured_again(
-    measurement: Measurement, options: Options, folder: Path, progress: Progress | None
+    measurement: Measurement,
+    options: Options,
+    folder: Path,
+    rig: Calibration | ImportedRig | None,
+    progress: Progress | None,
 ) -> Measurement:
     again = measure(
         load(folder),
-        rig=measurement.calibration if options.rig_given else None,
+        rig=(rig or measurement.calibration) if options.rig_given else None,
         method=options.method,  # type: ignore[arg-type]
         distortion=options.distortion,  # type: ignore[arg-type]
         hints=options.hints,
