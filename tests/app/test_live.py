@@ -72,9 +72,9 @@ def test_a_preview_is_small_eight_bit_and_shows_the_marks() -> None:
     image = np.full((2048, 2448), 30000, dtype=np.uint16)
     mark = Mark(np.array([[100.0, 1024.0], [2300.0, 1024.0]]), "line", CYAN)
     shown = cv2.imdecode(np.frombuffer(preview(image, [mark]), np.uint8), cv2.IMREAD_COLOR)
-    assert max(shown.shape) == 960
-    assert np.abs(shown[401, 480].astype(int) - CYAN).max() < 25
-    assert np.abs(shown[200, 480].astype(int) - 30000 / 256).max() < 6
+    assert shown.shape == (682, 816, 3)  # a third of both sides
+    assert np.abs(shown[341, 400].astype(int) - CYAN).max() < 25
+    assert np.abs(shown[200, 400].astype(int) - 30000 / 256).max() < 6
     far = Mark(np.array([[np.nan, 0.0], [1e12, 5.0]]))
     assert preview(image, [far])  # nonsense is left out, not drawn
 
@@ -156,8 +156,47 @@ def test_every_picture_is_on_the_disk_before_it_is_counted(
     assert again.gathering.shared == task.gathering.shared
     monkeypatch.undo()
 
+    # A picture that was cut off is not counted, and stops nothing.
+    whole = (folder / "board" / "left" / "000.png").read_bytes()
+    for name in names:
+        (folder / "board" / name / "001.png").write_bytes(whole[:-20])
+    again.count()
+    assert again.gathering.shared.views == 1
+
     # A view that is taken out is not counted any more; its pictures stay.
     pipeline.exclude(pipeline.load(folder), "board/000", "too near")
     again.count()
     assert again.gathering.shared.views == 0
     assert (folder / "board" / "left" / "000.png").is_file()
+
+
+def test_a_task_that_fails_is_told_and_not_tried_for_ever(tmp_path: Path) -> None:
+    class Failing:
+        calls = 0
+
+        def prepare(self) -> None:
+            self.calls += 1
+            raise ImageError("is cut off", next_step="copy it again")
+
+        def look(self, *_: object) -> None:
+            raise AssertionError
+
+    watcher, task = Watcher(Work(tmp_path)), Failing()
+    watcher.set_task(task)
+    for _ in range(5):
+        watcher._step_or_tell()
+    assert task.calls == 1
+    assert "is cut off" in watcher.told()
+    assert watcher.told() == ""
+
+
+def test_a_watcher_that_dies_says_so(tmp_path: Path, monkeypatch) -> None:
+    watcher = Watcher(Work(tmp_path))
+
+    def broken() -> bool:
+        raise KeyError("what nobody foresaw")
+
+    monkeypatch.setattr(watcher, "_step", broken)
+    with pytest.raises(KeyError):
+        watcher.run()
+    assert "start the app again" in watcher.told()

@@ -58,15 +58,32 @@ def session(tmp_path: Path, measurement: Measurement, texts: dict[str, str]) -> 
     return pipeline.load(session.folder)
 
 
+def calibration_of(session: Session) -> Calibration | None:
+    return pipeline.StandingResults(session.folder).calibration(session)
+
+
+def measurement_of(session: Session) -> Measurement | None:
+    return pipeline.StandingResults(session.folder).measurement(session)
+
+
+def test_results_are_read_again_only_when_they_change(session: Session) -> None:
+    results = pipeline.StandingResults(session.folder)
+    first = results.calibration(session)
+    assert first is not None
+    assert results.calibration(session) is first
+    write_file(session.folder / "results" / "rig.json", "{")
+    assert results.calibration(session) is None
+
+
 def test_results_hold_until_pictures_come_or_go(session: Session) -> None:
-    assert pipeline.standing_calibration(session) is not None
-    assert pipeline.standing_measurement(session) is not None
+    assert calibration_of(session) is not None
+    assert measurement_of(session) is not None
     (session.folder / "shaft" / "left" / "999.png").write_bytes(b"x")
     more = pipeline.load(session.folder)
-    assert pipeline.standing_calibration(more) is not None
-    assert pipeline.standing_measurement(more) is None
+    assert calibration_of(more) is not None
+    assert measurement_of(more) is None
     pipeline.capture(session, "board", {"left": DOT})
-    assert pipeline.standing_calibration(pipeline.load(session.folder)) is None
+    assert calibration_of(pipeline.load(session.folder)) is None
 
 
 def test_results_hold_until_the_description_changes_or_empty_frames_come(
@@ -86,26 +103,26 @@ def test_results_hold_until_a_view_is_taken_out_and_again_when_it_is_back(
     session: Session,
 ) -> None:
     out = pipeline.exclude(session, "board/001", "blurred")
-    assert pipeline.standing_calibration(out) is None
+    assert calibration_of(out) is None
     back = pipeline.exclude(out, "board/001", None)
-    assert pipeline.standing_calibration(back) is not None
+    assert calibration_of(back) is not None
     stem = next(iter(session.shaft))
     out = pipeline.exclude(back, f"shaft/{stem}", "a hand")
-    assert pipeline.standing_measurement(out) is None
-    assert pipeline.standing_measurement(pipeline.exclude(out, f"shaft/{stem}", None)) is not None
+    assert measurement_of(out) is None
+    assert measurement_of(pipeline.exclude(out, f"shaft/{stem}", None)) is not None
 
 
 def test_results_made_without_an_excluded_view_hold(
     session: Session, measurement: Measurement
 ) -> None:
-    calibration = pipeline.standing_calibration(session)
+    calibration = calibration_of(session)
     assert calibration is not None
     reason = "excluded by hand: blurred"
     lost = [RejectedView(name, "board/001", reason) for name in session.cameras]
     without = replace(calibration, rejected=(*calibration.rejected, *lost))
     write_file(session.folder / "results" / "rig.json", rig_text(without, software="x"))
     out = pipeline.exclude(session, "board/001", "blurred")
-    assert pipeline.standing_calibration(out) is not None
+    assert calibration_of(out) is not None
     first, *rest = measurement.poses
     gone = RejectedPose(first.pose, "excluded by hand: a hand", "take it back", first.edges)
     made = replace(measurement, poses=(gone, *rest))
@@ -117,7 +134,7 @@ def test_results_made_without_an_excluded_view_hold(
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"schema": "pivometer/rig/9"}', "\x00"])
 def test_spoilt_results_do_not_hold(session: Session, name: str, content: str) -> None:
     write_file(session.folder / "results" / name, content)
-    assert pipeline.standing_measurement(session) is None
+    assert measurement_of(session) is None
 
 
 def test_the_view_that_fits_worst_comes_first(measurement: Measurement) -> None:

@@ -10,6 +10,7 @@ from pivometer.app.watcher import Watcher
 from pivometer.app.work import Work
 from pivometer.calibration.gathering import Gathering, Moment, gathering, says_something_new
 from pivometer.calibration.glimpse import BoardGlimpse, glimpse
+from pivometer.errors import ImageError
 from pivometer.io.images import Image, read_image
 from pivometer.io.live import Frame
 from pivometer.io.session import ImageFile, Session
@@ -64,10 +65,7 @@ class BoardTask:
     def _seen(self, session: Session, file: ImageFile) -> Seen | None:
         known = self._work.glimpses
         if file.path not in known:
-            image = read_image(file.path)
-            board = glimpse(image, session.board)
-            height, width = image.shape
-            known[file.path] = None if board is None else (board, (width, height))
+            known[file.path] = _glimpsed(file, session)
         return known[file.path]
 
     def look(self, moment: Mapping[str, Frame], still: bool) -> None:
@@ -126,6 +124,17 @@ class BoardTask:
             "all cameras" if len(images) == len(session.cameras) else f"camera {', '.join(images)}"
         )
         self.told = f"View {stem} taken with {who}."
+
+
+def _glimpsed(file: ImageFile, session: Session) -> Seen | None:
+    """Look at a picture on the disk; one that cannot be read shows nothing."""
+    try:
+        image = read_image(file.path)
+    except ImageError:
+        return None
+    board = glimpse(image, session.board)
+    height, width = image.shape
+    return None if board is None else (board, (width, height))
 
 
 def _told(seen: Mapping[str, BoardGlimpse], session: Session, still_s: float) -> str:

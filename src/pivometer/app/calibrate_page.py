@@ -118,8 +118,7 @@ class _CalibratePage:
         await asyncio.to_thread(self._task.count)
 
     async def _refresh(self) -> None:
-        self._seen.set(self._work.lost() or self._watcher.fault or self._task.told)
-        self._watcher.fault = None
+        self._seen.set(self._work.lost() or self._watcher.told() or self._task.told)
         if self._busy:
             self._told.say(self._progress)
         if self._added != self._work.added:

@@ -6,12 +6,12 @@ import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pivometer.calibration.glimpse import shrunk
 from pivometer.errors import PivometerError
 from pivometer.io.images import Image
 from pivometer.io.live import Frame, Source
@@ -71,6 +71,8 @@ class Feed:
         except PivometerError as error:
             self.fault = str(error)
         finally:
+            if not self._stop.is_set():
+                self.fault = self.fault or "it stopped for a reason nobody foresaw"
             self._source.close()
 
     @property
@@ -125,17 +127,13 @@ def same_moment(feeds: Mapping[str, Feed]) -> dict[str, Frame] | None:
 
 def preview(image: Image, marks: Sequence[Mark]) -> bytes:
     """Return a picture as a small JPEG with marks drawn over it."""
-    height, width = image.shape
-    scale = min(1.0, PREVIEW_PX / max(width, height))
-    small: Image = image
-    if scale < 1:
-        size = (round(width * scale), round(height * scale))
-        small = cast("Image", cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+    factor = -(-max(image.shape) // PREVIEW_PX)
+    small = shrunk(image, factor)
     levels = np.asarray(small >> 8 if small.dtype == np.uint16 else small, dtype=np.uint8)
     if marks:
         levels = np.asarray(cv2.cvtColor(levels, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
         for mark in marks:
-            _draw(levels, mark, scale)
+            _draw(levels, mark, 1 / factor)
     _, data = cv2.imencode(".jpg", levels, _QUALITY)
     return data.tobytes()
 

@@ -144,8 +144,7 @@ class _PosesPage:
         await asyncio.to_thread(self._task.count)
 
     async def _refresh(self) -> None:
-        self._seen.set(self._work.lost() or self._watcher.fault or self._task.told)
-        self._watcher.fault = None
+        self._seen.set(self._work.lost() or self._watcher.told() or self._task.told)
         if self._added != self._work.added:
             self._added = self._work.added
             await asyncio.to_thread(self._task.count)

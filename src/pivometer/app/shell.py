@@ -37,9 +37,8 @@ def page_frame(work: Work, path: str, lead: str) -> Iterator[None]:
     """Draw the frame of one step; what is made inside stands in its main part."""
     title = dict(STEPS)[path]
     ui.page_title(f"{title} – {work.folder.name} – Pivometer")
-    ui.add_head_html(
-        f"<style>{asset('style.css')}</style><style>{drawing_rules('.figures')}</style><script>{asset('pages.js')}</script>"
-    )
+    style = asset("style.css") + drawing_rules(".figures")
+    ui.add_head_html(f"<style>{style}</style><script>{asset('pages.js')}</script>")
     with ui.element("a").classes("skip").props('href="#main"'):
         text("Skip to the content")
     with ui.element("header").classes("bar"):

@@ -39,11 +39,12 @@ class Watcher(threading.Thread):
     def __init__(self, work: Work) -> None:
         super().__init__(name="watcher", daemon=True)
         self.fault: str | None = None
+        self.dead = ""
         self.still_s = 0.0
         self._work = work
         self._task: Task | None = None
-        self._ready = True
-        self._stop = threading.Event()
+        self._prepared: Task | None = None
+        self._ended = threading.Event()
         self._numbers: dict[str, int] = {}
         self._stillness: dict[str, Stillness] = {}
         self._last: dict[str, Small] = {}
@@ -54,7 +55,6 @@ class Watcher(threading.Thread):
     def set_task(self, task: Task | None) -> None:
         """Change what is done with the moments from now on."""
         self._captured = {}
-        self._ready = False
         self._task = task
         for feed in self._work.feeds.values():
             feed.marks = ()
@@ -70,7 +70,12 @@ class Watcher(threading.Thread):
 
     def stop(self) -> None:
         """Stop after the moment that is being looked at."""
-        self._stop.set()
+        self._ended.set()
+
+    def told(self) -> str:
+        """Return what went wrong since this was asked last; empty where nothing did."""
+        fault, self.fault = self.fault, None
+        return self.dead or fault or ""
 
     def offsets_s(self) -> dict[str, float | None]:
         """Return by how much each camera is late against the first, where motion tells."""
@@ -80,20 +85,27 @@ class Watcher(threading.Thread):
 
     def run(self) -> None:
         """Look until stopped; what goes wrong with a moment is told and the next one looked at."""
-        while not self._stop.is_set():
-            try:
-                if not self._step():
-                    self._stop.wait(_PAUSE_S)
-            except PivometerError as error:
-                self.fault = str(error)
-            except (cv2.error, np.linalg.LinAlgError) as error:  # of a picture nobody foresaw
-                self.fault = f"a moment could not be looked at: {error}"
+        try:
+            while not self._ended.is_set():
+                self._step_or_tell()
+        finally:
+            if not self._ended.is_set():
+                self.dead = "Nothing looks at the pictures any more: start the app again."
+
+    def _step_or_tell(self) -> None:
+        try:
+            if not self._step():
+                self._ended.wait(_PAUSE_S)
+        except PivometerError as error:
+            self.fault = str(error)
+        except (cv2.error, np.linalg.LinAlgError) as error:  # of a picture nobody foresaw
+            self.fault = f"a moment could not be looked at: {error}"
 
     def _step(self) -> bool:
         task = self._task
-        if task is not None and not self._ready:
+        if task is not None and self._prepared is not task:
+            self._prepared = task  # before it fails: it is not tried for ever
             task.prepare()
-            self._ready = True
         moment = self._work.moment()
         if moment is None:
             return False

@@ -60,12 +60,12 @@ def glimpse(image: Image, board: Board) -> BoardGlimpse | None:
     board
         The board looked for.
     """
-    scale = min(1.0, GLANCE_SIDE_PX / max(image.shape))
-    small = _reduced(image, scale)
+    factor = -(-max(image.shape) // GLANCE_SIDE_PX)
+    small = shrunk(image, factor)
     ids, pixels = (_charuco if board.kind == "charuco" else _checkerboard)(small, board)
     if len(ids) < 4:
         return None
-    raw = (pixels + 0.5) / scale - 0.5
+    raw = (pixels + 0.5) * factor - 0.5
     height, width = image.shape
     normal = _normal(board.corners_mm[ids, :2], raw, width, height)
     if normal is None:
@@ -75,13 +75,23 @@ def glimpse(image: Image, board: Board) -> BoardGlimpse | None:
     )
 
 
-def _reduced(image: Image, scale: float) -> Image:
+def shrunk(image: Image, factor: int) -> Image:
+    """Return the means of blocks of pixels; whole ones take a quarter of the time of others.
+
+    Examples
+    --------
+    >>> shrunk(np.array([[0, 4, 9], [4, 8, 9], [9, 9, 9]], dtype=np.uint8), 2)
+    array([[4]], dtype=uint8)
+    """
     import cv2
 
-    if scale == 1:
+    if factor == 1:
         return image
-    size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
-    small: Image = np.ascontiguousarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+    height, width = (side // factor for side in image.shape)
+    whole = image[: height * factor, : width * factor]
+    small: Image = np.ascontiguousarray(
+        cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+    )
     return small
 
 

@@ -41,8 +41,6 @@ from pivometer.pipeline.standing import (
     StandingResults,
     ViewQuality,
     is_of_now,
-    standing_calibration,
-    standing_measurement,
     view_qualities,
 )
 from pivometer.pipeline.verifying import Verification, verify
@@ -96,8 +94,6 @@ __all__ = [
     "solve_axis",
     "solve_lines",
     "solve_poses",
-    "standing_calibration",
-    "standing_measurement",
     "true_rcm",
     "two_cameras",
     "verify",

@@ -22,19 +22,6 @@ from pivometer.pipeline.provenance import SETTINGS, settings_hashes
 _BY_HAND = "excluded by hand"
 
 
-def standing_calibration(session: Session) -> Calibration | None:
-    """Return the calibration in the session's results, if it is of the board pictures there are.
-
-    A picture more, a picture less, an exclusion or its undoing makes it old.
-    """
-    return StandingResults(session.folder).calibration(session)
-
-
-def standing_measurement(session: Session) -> Measurement | None:
-    """Return the measurement in the session's results, if it is of the poses there are."""
-    return StandingResults(session.folder).measurement(session)
-
-
 class StandingResults:
     """The results in a session's folder, which are read again only when their files change.
 
@@ -49,13 +36,16 @@ class StandingResults:
         self._known: dict[str, tuple[int, object]] = {}
 
     def calibration(self, session: Session) -> Calibration | None:
-        """Return the calibration, as `standing_calibration`."""
+        """Return the calibration, if it is of the board pictures there are.
+
+        A picture more, a picture less, an exclusion or its undoing makes it old.
+        """
         known = self._read("rig.json", read_rig)
         fits = isinstance(known, Calibration) and calibration_is_of_now(known, session)
         return cast("Calibration", known) if fits else None
 
     def measurement(self, session: Session) -> Measurement | None:
-        """Return the measurement, as `standing_measurement`."""
+        """Return the measurement, if it is of the poses there are."""
         known = self._read("result.json", read_result)
         if not isinstance(known, Measurement) or self.calibration(session) is None:
             return None
