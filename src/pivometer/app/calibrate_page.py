@@ -21,7 +21,7 @@ from pivometer.app.shell import (
 )
 from pivometer.app.view_list import ViewList, ViewRow, view_rows
 from pivometer.app.watcher import Watcher
-from pivometer.app.work import Work
+from pivometer.app.work import Work, fault_text
 from pivometer.calibration import Calibration
 from pivometer.calibration.advice import Advice, advice
 from pivometer.calibration.gathering import Coverage, Gathering
@@ -64,7 +64,7 @@ class _CalibratePage:
             work, ("Views", "View", "Cameras", "rms, mm", "largest, mm"), self._changed
         )
         add_pictures("board", work.session.cameras if work.session else ())
-        keys({"C": self._capture, "U": self._undo, "K": self._calibrate})
+        keys({"C": self._capture, "U": self._undo, "A": self._toggle, "K": self._calibrate})
         self._tend()
         ui.timer(0.25, self._refresh)
 
@@ -86,7 +86,7 @@ class _CalibratePage:
         self._seen.props('role="status"')
         button("Take picture", self._capture, key="C")
         button("Undo last", self._undo, key="U")
-        self._auto = button("Automatic: on", self._toggle)
+        self._auto = button("Automatic: on", self._toggle, key="A")
         self._auto.props('aria-pressed="true"')
         self._go = button("Calibrate", self._calibrate, key="K")
 
@@ -102,6 +102,7 @@ class _CalibratePage:
         self._auto.clear()
         with self._auto:
             text(f"Automatic: {'on' if on else 'off'}")
+            tag("kbd", "A")
 
     async def _undo(self) -> None:
         """Take the newest view out again; its pictures stay on the disk."""
@@ -154,7 +155,7 @@ class _CalibratePage:
             await asyncio.to_thread(pipeline.write_calibration, made, self._work.folder / "results")
             self._told.say("Calibrated; the calibration is in results/rig.json.", "good")
         except PivometerError as error:
-            self._told.say(f"{error.what}. Next: {error.next_step}.", "bad")
+            self._told.say(fault_text(error), "bad")
         finally:
             self._busy = False
         enable(self._go, on=True)

@@ -21,7 +21,7 @@ from pivometer.app.shell import (
     text,
 )
 from pivometer.app.watcher import Watcher
-from pivometer.app.work import Work
+from pivometer.app.work import Work, fault_text
 from pivometer.errors import PivometerError
 from pivometer.measurement import Measurement
 from pivometer.pipeline.live_shaft import LiveShaft
@@ -58,7 +58,7 @@ async def poses_page(work: Work, watcher: Watcher) -> None:
         shaft = await asyncio.to_thread(work.shaft)
         if shaft is None:
             watcher.set_task(None)
-            tag("p", "Calibrate the cameras in step 2 first: the pictures have changed since.")
+            tag("p", "Calibrate the cameras in step 2 first, with the board views there are.")
             return
         _PosesPage(work, watcher, shaft)
 
@@ -138,7 +138,7 @@ class _PosesPage:
         try:
             await asyncio.to_thread(pipeline.exclude, session, view, "undone while taking poses")
         except PivometerError as error:
-            self._told.say(f"{error.what}. Next: {error.next_step}.", "bad")
+            self._told.say(fault_text(error), "bad")
             return
         self._told.say(f"{view} is taken out; step 4 can take it back.")
         await asyncio.to_thread(self._task.count)

@@ -10,7 +10,7 @@ from nicegui import ui
 from pivometer import pipeline
 from pivometer.app.shell import Tell, button, enable, keys, page_frame, tag
 from pivometer.app.watcher import Watcher
-from pivometer.app.work import Work
+from pivometer.app.work import Work, fault_text
 from pivometer.errors import PivometerError
 from pivometer.report.pdf import pdf_extra_is_there
 
@@ -67,7 +67,7 @@ class _ReportPage:
         try:
             await asyncio.to_thread(self._written)
         except PivometerError as error:
-            self._told.say(f"{error.what}. Next: {error.next_step}.", "bad")
+            self._told.say(fault_text(error), "bad")
         else:
             self._told.say(f"Written into {self._work.folder / 'results'}.", "good")
             self._show(current=True)

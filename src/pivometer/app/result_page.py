@@ -11,7 +11,7 @@ from nicegui import ui
 from pivometer.app.shell import Field, Tell, button, drawing, enable, keys, page_frame, tag
 from pivometer.app.view_list import ViewList, ViewRow
 from pivometer.app.watcher import Watcher
-from pivometer.app.work import Work
+from pivometer.app.work import Work, fault_text
 from pivometer.errors import PivometerError
 from pivometer.io.session import Session
 from pivometer.measurement import Measurement, UsedPose
@@ -82,7 +82,7 @@ class _ResultPage:
         try:
             measured = await asyncio.to_thread(self._work.measure, self._heard)
         except PivometerError as error:
-            self._told.say(f"{error.what}. Next: {error.next_step}.", "bad")
+            self._told.say(fault_text(error), "bad")
             self._show(None)
         else:
             self._told.say("Measured.", "good")
@@ -126,7 +126,7 @@ class _ResultPage:
         try:
             measured = await asyncio.to_thread(self._work.decide, limit)
         except PivometerError as error:
-            self._told.say(f"{error.what}. Next: {error.next_step}.", "bad")
+            self._told.say(fault_text(error), "bad")
             return
         self._told.say("Decided.", "good")
         self._show(measured)

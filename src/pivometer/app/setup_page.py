@@ -10,7 +10,7 @@ from pivometer import pipeline
 from pivometer.app.setup_form import SetupForm
 from pivometer.app.shell import Tell, button, live_view, page_frame, tag, text
 from pivometer.app.watcher import Watcher
-from pivometer.app.work import Work
+from pivometer.app.work import Work, fault_text
 from pivometer.errors import PivometerError
 from pivometer.io.sources import found_devices
 from pivometer.pipeline.watching import CameraCheck, check_camera
@@ -43,7 +43,7 @@ def setup_page(work: Work, watcher: Watcher) -> None:
             try:
                 await asyncio.to_thread(_saved, work, form)
             except PivometerError as error:
-                told.say(f"{error.what}. Next: {error.next_step}.", "bad")
+                told.say(fault_text(error), "bad")
                 return
             told.say("Saved. Look at the checks below, then go on to Calibrate.", "good")
             cameras.draw()

@@ -11,7 +11,7 @@ from pivometer import pipeline
 from pivometer._arrays import Floats
 from pivometer.app.feeds import CYAN, ORANGE, Mark
 from pivometer.app.watcher import Watcher
-from pivometer.app.work import Work
+from pivometer.app.work import Work, fault_text
 from pivometer.errors import PivometerError
 from pivometer.io.images import Image
 from pivometer.io.live import Frame
@@ -74,7 +74,9 @@ class ShaftTask:
             try:
                 self.measured, self.refused = self._shaft.measured(session), ""
             except PivometerError as error:
-                self.measured, self.refused = None, f"{error.what}. Next: {error.next_step}."
+                self.measured, self.refused = None, fault_text(error)
+            except np.linalg.LinAlgError as error:  # of poses that nobody foresaw
+                self.measured, self.refused = None, f"These poses cannot be solved: {error}."
             else:
                 worst = float(self.measured.uncertainty.expanded_mm.max())
                 count = len(self.measured.used)

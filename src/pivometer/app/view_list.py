@@ -11,7 +11,7 @@ from nicegui import ui
 
 from pivometer import pipeline
 from pivometer.app.shell import Field, Tell, attribute, button, drawing, tag
-from pivometer.app.work import Work
+from pivometer.app.work import Work, fault_text
 from pivometer.calibration import Calibration
 from pivometer.errors import PivometerError
 from pivometer.io.session import Session
@@ -117,7 +117,7 @@ class ViewList:
             reason = None if out else self._reason.value
             await asyncio.to_thread(pipeline.exclude, session, view, reason)
         except PivometerError as error:
-            self._told.say(f"{error.what}. Next: {error.next_step}.", "bad")
+            self._told.say(fault_text(error), "bad")
             return
         self._reason.show("")
         await self._changed()

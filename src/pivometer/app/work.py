@@ -19,6 +19,18 @@ from pivometer.pipeline.live_shaft import LiveShaft
 from pivometer.pipeline.reading import Progress
 
 
+def fault_text(error: PivometerError) -> str:
+    """Say what was refused, where, and what to do.
+
+    Examples
+    --------
+    >>> fault_text(UsageError("no such source", next_step="name another", path="/data/left"))
+    '/data/left: no such source. Next: name another.'
+    """
+    where = "" if error.path is None else f"{error.path}: "
+    return f"{where}{error.what}. Next: {error.next_step}."
+
+
 class Work:
     """One session in work: its folder and its cameras.
 
