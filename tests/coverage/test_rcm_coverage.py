@@ -13,6 +13,8 @@ from pivometer.cameras import Camera, Rig
 from pivometer.geometry import RigidTransform, tangent_plane_normals
 from pivometer.rcm import least_squares_rcm
 from pivometer.uncertainty import lies_within, location_uncertainty
+from pivometer.uncertainty.comparison import location_difference, shared_calibration_mm2
+from pivometer.uncertainty.coverage import fewest_degrees_of_freedom
 
 RCM_MM = np.array([6.4, 65.7, 478.3])
 
@@ -99,7 +101,39 @@ def test_location_with_calibration_error_holds_the_point():
     assert fewest <= hits <= most
 
 
+def test_difference_of_two_locations_of_one_rig_holds_zero():
+    """Noise is independent, the rig's error the same in both; the second sees a narrower cone."""
+    turn = RigidTransform.from_rotation_vector([0, -np.pi / 2, 0], [371.7, 0, 371.7])
+    cameras = [
+        Camera(name, 640, 480, [1000, 1000], [320, 240], [-0.2, 0.1]) for name in ("left", "right")
+    ]
+    true_rig = Rig(cameras, [RigidTransform.identity(), turn])
+    random = np.random.default_rng(23)
+    sigma = np.array([1.0] * 4 + [0.01, 0.02] + [1.0] * 4 + [0.01, 0.02] + [3e-4] * 3 + [0.2] * 3)
+    covariance, hits, trials = np.diag(sigma**2), 0, 24
+    for _ in range(trials):
+        both = seen(true_rig, random, 8, 0.1), seen(true_rig, random, 12, 0.1)
+        rig = true_rig.perturbed(sigma * random.standard_normal(18))
+        first, second = (_solved(edges, rig) for edges in both)
+        shared = shared_calibration_mm2(*both, rig, covariance)
+        lines = first.covariance_mm2 + second.covariance_mm2
+        told = location_difference(
+            second.point_mm - first.point_mm,
+            lines + shared,
+            degrees_of_freedom=fewest_degrees_of_freedom([lines, shared], [13, np.inf]),
+        )
+        hits += not told.differs
+    fewest, most = bounds(trials)
+    assert fewest <= hits <= most
+    apart = sum(location_uncertainty(edges, rig, covariance).calibration_mm2 for edges in both)
+    assert np.trace(shared) < 0.1 * np.trace(apart)  # what one rig is off drops out, nearly all
+
+
 def _location(edges, rig):
+    return _solved(edges, rig).point_mm
+
+
+def _solved(edges, rig):
     from pivometer.shaft.edges import edge_normals
     from pivometer.shaft.triangulation import lines_from_edge_normals
 
@@ -111,4 +145,4 @@ def _location(edges, rig):
         axis=1,
     )
     points, axes, _ = lines_from_edge_normals(normals, rig.reference_from_camera)
-    return least_squares_rcm(points, axes).point_mm
+    return least_squares_rcm(points, axes)
