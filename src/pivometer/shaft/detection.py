@@ -69,6 +69,11 @@ LEAST_LENGTH = 0.55
 """Least support of a pair against the other frames' median: the only wrong pair that passed the
 pivot and width gates in the rendered sets had 0.51."""
 
+LEAST_SURE_LENGTH = 0.25
+SURE_SPREADS = 1.0
+"""A shorter pair will do where pivot and width fit to one spread, together: something hides the
+rest."""
+
 ENOUGH_LENGTH = 0.9
 """A pair as long as this against that median makes a second search unnecessary."""
 
@@ -194,10 +199,10 @@ class ShaftFinder:
         """
         if isinstance(self._motion, SeedRejection):
             return self._motion
-        copy = self._search.scale.copy(image)
-        passing = self._motion.passing
-        frame = self._search.frame(copy, passing) if sample is None else self._known[sample]
-        return _chosen(copy, frame, self._search, self._motion)
+        if sample is not None:
+            return _chosen(image, self._known[sample], self._search, self._motion)
+        frame = self._search.frame(self._search.scale.copy(image), self._motion.passing)
+        return _chosen(image, frame, self._search, self._motion)
 
 
 def learn_shaft(
@@ -349,11 +354,12 @@ def _hinted(frames: Sequence[_Frame], hint: ShaftHint, search: _Search) -> Motio
 
 
 def _chosen(
-    copy: NDArray[np.uint16], frame: _Frame, search: _Search, motion: Motion
+    image: Image, frame: _Frame, search: _Search, motion: Motion
 ) -> ShaftSeed | SeedRejection:
     found = _best(frame, motion, ENOUGH_LENGTH)
     if isinstance(found, str):
-        found = _best(search.again(copy, frame, motion), motion, LEAST_LENGTH)
+        again = search.again(search.scale.copy(image), frame, motion)
+        found = _best(again, motion, LEAST_LENGTH)
     if isinstance(found, str):
         return SeedRejection(found)
     edges = refitted_edges(found, frame.edges, search.centre_px)
@@ -386,7 +392,8 @@ def _refusal(motion: Motion, table: PairTable, best: int, least_length: float) -
             f"no long parallel edges have the other frames' width of {motion.width_px:.1f} px at "
             f"the pivot: the best pair has {width:.1f} px"
         )
-    length = table.length[best]
+    sure = least_length <= LEAST_LENGTH and np.hypot(away_spreads, width_spreads) < SURE_SPREADS
+    length, least_length = table.length[best], LEAST_SURE_LENGTH if sure else least_length
     if length < least_length * motion.length_px:
         return (
             f"only {length:.0f} px of both edges are visible, in the other frames "

@@ -38,6 +38,12 @@ BIN_PX = 4.0
 WINDOW_BINS = 12
 """A gap of up to half of this window (24 px) does not end an edge."""
 
+LEAST_DENSITY = 0.15
+"""Each edge shows in this part of the window; both together in half of two. Chosen."""
+
+_HELD_BOW = np.diag([0.0, 0.0, 3.0])
+_WINDOW = np.full(WINDOW_BINS + 1, 1 / (WINDOW_BINS + 1))
+
 MOST_LINES = 40
 MOST_PASSING = 16
 """Lines that are fitted of those that pass a known pivot; the shaft's are among the longest."""
@@ -55,16 +61,24 @@ MOST_WIDTH_FRACTION = 0.45
 class EdgeLine:
     """A straight line n·x = offset among edge pixels, in pixels from the image's centre.
 
-    `occupied` says for every 4 px along u = (−n_y, n_x) whether an edge pixel lies there.
+    `occupied` says for every 4 px along u = (−n_y, n_x) whether an edge pixel lies there, and
+    `density` in which part of the window around it.
     """
 
     normal: Floats
     offset_px: float
     occupied: NDArray[np.bool_]
+    density: Floats
+
+    @classmethod
+    def through(cls, normal: Floats, offset_px: float, occupied: NDArray[np.bool_]) -> EdgeLine:
+        """Return a line with its density."""
+        density = np.convolve(occupied, _WINDOW, mode="same")
+        return cls(normal, offset_px, occupied, density)
 
     def reversed(self) -> EdgeLine:
         """Return the same line with the opposite normal."""
-        return EdgeLine(-self.normal, -self.offset_px, self.occupied[::-1])
+        return EdgeLine(-self.normal, -self.offset_px, self.occupied[::-1], self.density[::-1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,21 +182,24 @@ def _peaks(
     bins = (bins + np.arange(-SPREAD_BINS, SPREAD_BINS + 1)) % ANGLE_BINS
     theta = (np.arange(ANGLE_BINS) + 0.5) * step
     normals = np.column_stack([np.cos(theta), np.sin(theta)])
-    offset = points[:, :1] * normals[bins, 0] + points[:, 1:] * normals[bins, 1]
-    width = int(2 * reach) + 1
-    flat = bins * width + np.floor(offset + reach).astype(np.intp)
+    origin, span = np.zeros(2), reach
+    if passing is not None:
+        origin, span = passing.point_px, min(passing.reach_px, reach)
+    arm = points - origin
+    offset = arm[:, :1] * normals[bins, 0] + arm[:, 1:] * normals[bins, 1]
+    width = int(2 * span) + 1
+    flat = bins * width + np.floor(offset + span).astype(np.intp)
+    if passing is not None:
+        flat = flat[np.abs(offset) < span]
     votes = np.bincount(flat.ravel(), minlength=ANGLE_BINS * width).reshape(ANGLE_BINS, width)
-    padded = np.concatenate([votes[-2:], votes, votes[:2]]).astype(np.float64)
+    padded = np.concatenate([votes[-2:], votes, votes[:2]]).astype(np.float32)
     smooth = cv2.blur(padded, (3, 1)) * 3
     top = cv2.dilate(smooth, np.ones((5, 3)))[2:-2]
     smooth = smooth[2:-2]
-    if passing is not None:
-        offsets = np.arange(width) + 0.5 - reach
-        smooth *= np.abs(offsets - (normals @ passing.point_px)[:, None]) < passing.reach_px
     found = np.argwhere((smooth == top) & (smooth >= 0.6 * LEAST_SUPPORT_PX))
     order = np.argsort(-smooth[tuple(found.T)], kind="stable")
     order = order[: MOST_LINES if passing is None else MOST_PASSING]
-    return [(normals[i], j + 0.5 - reach) for i, j in found[order]]
+    return [(normals[i], float(normals[i] @ origin) + j + 0.5 - span) for i, j in found[order]]
 
 
 def _fitted(
@@ -198,11 +215,13 @@ def _fitted(
         if near.sum() < 0.5 * LEAST_SUPPORT_PX:
             return None
         chosen = points[near]
-        weights = np.exp(-0.5 * ((chosen @ normal - offset) / FOCUS_PX) ** 2)[:, None]
-        mean = (weights * chosen).sum(axis=0) / weights.sum()
+        weights = np.exp(-0.5 * ((chosen @ normal - offset) / FOCUS_PX) ** 2)
+        mean = weights @ chosen / weights.sum()
         spread = chosen - mean
-        _, vectors = np.linalg.eigh((weights * spread).T @ spread)
-        normal = vectors[:, 0] if vectors[:, 0] @ normal > 0 else -vectors[:, 0]
+        (xx, xy), (_, yy) = (spread.T * weights) @ spread
+        across = np.arctan2(2 * xy, xx - yy) / 2 + np.pi / 2  # of the smaller principal axis
+        found = np.array([np.cos(across), np.sin(across)])
+        normal = found if found @ normal > 0 else -found
         offset = float(mean @ normal)
     along = chosen @ np.array([-normal[1], normal[0]])
     tight = np.abs(_bow_residual(along, chosen @ normal - offset)) < TIGHT_PX
@@ -211,19 +230,20 @@ def _fitted(
     occupied[np.floor(along[tight] / BIN_PX).astype(np.intp) + half] = True
     if occupied.sum() * BIN_PX < LEAST_SUPPORT_PX:
         return None
-    return EdgeLine(normal, offset, occupied)
+    return EdgeLine.through(normal, offset, occupied)
 
 
 def _bow_residual(along: Floats, across: Floats) -> Floats:
     """Subtract the bow that lens distortion gives a long straight edge."""
     middle, half = (along.max() + along.min()) / 2, max(np.ptp(along) / 2, 1.0)
     x = (along - middle) / half
-    A = np.column_stack([np.ones(len(x)), x, x**2])
-    fit = np.zeros(3)
+    A = np.stack([np.ones(len(x)), x, x * x])
+    rest = across
     for _ in range(3):
-        weighted = A * np.exp(-0.5 * ((across - A @ fit) / FOCUS_PX) ** 2)[:, None]
-        fit = np.linalg.solve(weighted.T @ A + np.diag([0.0, 0.0, 3.0]), weighted.T @ across)
-    return across - A @ fit
+        weighted = A * np.exp(rest * rest * (-0.5 / FOCUS_PX**2))
+        fit = np.linalg.solve(weighted @ A.T + _HELD_BOW, weighted @ across)
+        rest = across - fit @ A
+    return rest
 
 
 def same_line(one: EdgeLine, other: EdgeLine) -> bool:
@@ -269,18 +289,21 @@ def _combinations(lines: list[EdgeLine]) -> Iterator[tuple[EdgeLine, EdgeLine]]:
 
 def _common_run(one: EdgeLine, other: EdgeLine) -> tuple[float, float, float] | None:
     """Return start, stop and mean support (px) where both lines are edges; None if nowhere."""
-    both = np.stack([one.occupied, other.occupied]).astype(np.float64)
-    kernel = np.full(WINDOW_BINS + 1, 1 / (WINDOW_BINS + 1))
-    density = np.stack([np.convolve(row, kernel, mode="same") for row in both])
-    dense = (density.min(axis=0) >= 0.15) & (density.sum(axis=0) >= 0.5)
-    steps = np.flatnonzero(np.diff(np.concatenate([[0], dense.view(np.int8), [0]])))
-    runs = [(both[:, a:b].sum(axis=1), a, b) for a, b in steps.reshape(-1, 2)]
-    if not runs:
+    first, second = one.density, other.density
+    dense = (first >= LEAST_DENSITY) & (second >= LEAST_DENSITY) & (first + second >= 0.5)
+    if np.count_nonzero(dense) * BIN_PX < LEAST_SUPPORT_PX:
         return None
-    counts, begin, end = max(runs, key=lambda run: float(run[0].min()))
-    if counts.min() * BIN_PX < LEAST_SUPPORT_PX:
+    closed = np.zeros(len(dense) + 2, dtype=np.int8)
+    closed[1:-1] = dense
+    steps = np.flatnonzero(np.diff(closed))
+    runs = [
+        (np.count_nonzero(one.occupied[a:b]), np.count_nonzero(other.occupied[a:b]), a, b)
+        for a, b in steps.reshape(-1, 2)
+    ]
+    here, there, begin, end = max(runs, key=lambda run: min(run[0], run[1]))
+    if min(here, there) * BIN_PX < LEAST_SUPPORT_PX:
         return None
-    filled = begin + np.flatnonzero(both[:, begin:end].any(axis=0))
+    filled = begin + np.flatnonzero(one.occupied[begin:end] | other.occupied[begin:end])
     zero = len(one.occupied) / 2
-    length = 2 * counts.prod() / counts.sum() * BIN_PX
+    length = 2 * here * there / (here + there) * BIN_PX
     return (filled[0] - zero) * BIN_PX, (filled[-1] + 1 - zero) * BIN_PX, float(length)
