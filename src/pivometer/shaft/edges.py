@@ -11,6 +11,7 @@ from pivometer.errors import ShapeError
 from pivometer.shaft.band_map import band_map
 from pivometer.shaft.banded import fit_banded
 from pivometer.shaft.bands import edge_lines, is_upright, width_px
+from pivometer.shaft.defocused import fit_defocused
 from pivometer.shaft.detection import ShaftSeed
 from pivometer.shaft.fitted import ShaftEdges, shaft_edges
 from pivometer.shaft.ladder import fit_ladder
@@ -142,6 +143,8 @@ def fit_edges(
         fitted = fit_ladder(turned, (maps[0], maps[1]), start, empty)
     if fitted is None or strays(fitted):
         fitted = fit_shaded(pixels, camera, start, FIRST_BLUR_PX)
+        blur = float(fitted.parameters[4])
+        fitted = fit_defocused(turned, (maps[0], maps[1]), start, blur) or fitted
     refuse_fit(camera, fitted, first)
     return shaft_edges(camera, fitted)
 

@@ -40,7 +40,7 @@ LEAST_ROWS = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Rows:
+class ThinRows:
     """Rows across the whole shaft; far columns lie outside the first and the second edge.
 
     Shapes: grey (rows, k); x_px, lever (2, rows, k); scale (2, rows, 1); counts, sums, squares,
@@ -86,20 +86,21 @@ def fit_thin(
     """
     step = max(1, len(maps[0].rows) // COARSE_ROWS)
     estimate = np.array([0.0, 0.0, 0.0, 0.0, FIRST_BLUR_PX])
-    coarse = _gather(turned, maps[0].every(step), lines, FIRST_BLUR_PX)
+    coarse = thin_rows(turned, maps[0].every(step), lines, FIRST_BLUR_PX)
     weights, _ = _flat(coarse)
     if weights.sum() < LEAST_ROWS:
         return None
     estimate = _iterated(coarse, weights, estimate, COARSE_ITERATIONS)
     if estimate[4] > 1.5 * FIRST_BLUR_PX:
-        wider = _gather(turned, maps[0].every(step), lines, float(estimate[4]))
+        wider = thin_rows(turned, maps[0].every(step), lines, float(estimate[4]))
         estimate = _iterated(wider, weights, estimate, COARSE_ITERATIONS)
     start = lines[0].moved(*estimate[:2]), lines[1].moved(*estimate[2:4])
-    rows = _gather(turned, maps[0].towards(start[0]), start, float(estimate[4]))
+    rows = thin_rows(turned, maps[0].towards(start[0]), start, float(estimate[4]))
     return _fine(rows, start, float(estimate[4]), turned.dtype)
 
 
-def _gather(turned: NDArray[np.generic], m: BandMap, lines: Lines, blur: float) -> _Rows:
+def thin_rows(turned: NDArray[np.generic], m: BandMap, lines: Lines, blur: float) -> ThinRows:
+    """Gather rows across the whole shaft and 4 blurs beside it, and the sums of farther columns."""
     ends = lines[0].at(np.array([-1.0, 1.0])) - lines[1].middle_px
     width = float(np.abs(ends @ lines[1].outward).max()) * float(m.scale.max())
     near = int(np.ceil((NEAR_SIGMAS * blur + 1.0) * m.slant))
@@ -127,7 +128,7 @@ def _gather(turned: NDArray[np.generic], m: BandMap, lines: Lines, blur: float) 
         lever[edge, at] = m.coordinate(half, -float(half @ line.middle_px), columns[:, middle])
     scale = np.ones((count, 1))
     scale[: len(m.rows), 0] = m.scale
-    return _Rows(
+    return ThinRows(
         grey=grey[:, middle],
         x_px=x,
         lever=lever,
@@ -141,7 +142,7 @@ def _gather(turned: NDArray[np.generic], m: BandMap, lines: Lines, blur: float) 
     )
 
 
-def _flat(rows: _Rows) -> tuple[Floats, float]:
+def _flat(rows: ThinRows) -> tuple[Floats, float]:
     """Return 1 for rows with their chunk's levels outside, and the noise's variance."""
     count = np.maximum(rows.counts, 1)
     mean = rows.sums / count
@@ -157,7 +158,7 @@ def _flat(rows: _Rows) -> tuple[Floats, float]:
     return np.asarray(usable & (apart < limit).all(axis=0), dtype=np.float64), noise
 
 
-def _linearize(rows: _Rows, weights: Floats, parameters: Floats) -> _Fit:
+def _linearize(rows: ThinRows, weights: Floats, parameters: Floats) -> _Fit:
     blur = float(parameters[4])
     offset, tilt = (parameters[k:4:2][:, None, None] for k in (0, 1))
     z = (rows.x_px - rows.scale * (offset + tilt * rows.lever)) / blur
@@ -205,7 +206,7 @@ def _stepped(fit: _Fit, parameters: Floats) -> tuple[Floats, float]:
     return after, float(np.abs(step).max())
 
 
-def _iterated(rows: _Rows, weights: Floats, parameters: Floats, most: int) -> Floats:
+def _iterated(rows: ThinRows, weights: Floats, parameters: Floats, most: int) -> Floats:
     for _ in range(most):
         parameters, length = _stepped(_linearize(rows, weights, parameters), parameters)
         if length < CONVERGED_PX:
@@ -214,7 +215,7 @@ def _iterated(rows: _Rows, weights: Floats, parameters: Floats, most: int) -> Fl
 
 
 def _fine(
-    rows: _Rows, start: Lines, blur: float, depth: np.dtype[np.generic]
+    rows: ThinRows, start: Lines, blur: float, depth: np.dtype[np.generic]
 ) -> FittedEdges | None:
     """Return the fit to all rows, or None where levels are not flat or too few rows agree."""
     parameters = np.array([0.0, 0.0, 0.0, 0.0, blur])
@@ -244,7 +245,7 @@ def _fine(
 
 
 def _fitted(
-    rows: _Rows,
+    rows: ThinRows,
     start: Lines,
     fit: _Fit,
     parameters: Floats,
