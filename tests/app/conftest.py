@@ -15,8 +15,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("nicegui", reason="the extra app is not installed")
-
 STARTS_WITHIN_S = 60.0
 """Of a loaded test machine; the app itself starts in one or two seconds."""
 

@@ -2,6 +2,7 @@
 
 import socket
 import stat
+import zlib
 from pathlib import Path
 
 import cv2
@@ -132,6 +133,18 @@ def test_a_file_is_no_session_folder(tmp_path: Path) -> None:
         run_app(tmp_path / "file")
 
 
+def unpacking_to(side: int) -> bytes:
+    """The head of a PNG that claims to be a large square, with nothing in it."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        crc = zlib.crc32(kind + data).to_bytes(4, "big")
+        return len(data).to_bytes(4, "big") + kind + data + crc
+
+    head = 2 * side.to_bytes(4, "big") + bytes([8, 0, 0, 0, 0])
+    parts = (chunk(b"IHDR", head), chunk(b"IDAT", zlib.compress(b"")), chunk(b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+
+
 def test_a_picture_that_is_sent_lands_in_its_folder_or_nowhere(app, folder: Path) -> None:
     picture = cv2.imencode(".png", np.full((5, 7), 9, np.uint8))[1].tobytes()
 
@@ -159,6 +172,9 @@ def test_a_picture_that_is_sent_lands_in_its_folder_or_nowhere(app, folder: Path
     assert send("/pictures/board/left/0.png", b"no picture") == 422
     assert send("/pictures/board/left/0.png", picture[:-9]) == 422
     assert send("/pictures/board/left/0.png", bytes(MOST_PICTURE_BYTES + 1)) == 413
+    status, _, said = app.get("/pictures/board/left/0.png", cookie=True, put=unpacking_to(16_000))
+    assert status == 422
+    assert b"pixels" in said.lower()  # refused by its size, before anything is unpacked
     written = {"session.toml", "board", "shaft", "left", "right"}
     assert {path.name for path in folder.parent.rglob("*")} == {"new", *written}
 
@@ -167,3 +183,19 @@ def test_a_picture_that_is_sent_lands_in_its_folder_or_nowhere(app, folder: Path
     assert app.get("/pictures/left/board/0", cookie=True)[0] == 200
     for path in ("/pictures/right/board/0", "/pictures/left/../session.toml", "/pictures/left/x/y"):
         assert app.get(path, cookie=True)[0] == 404, path
+
+
+def test_a_report_of_anybody_is_shown_without_the_rights_of_the_app(app, folder: Path) -> None:
+    foreign = b"<script>fetch('/pictures/board/left/9.png', {method: 'PUT', body: 'x'})</script>"
+    (folder / "results").mkdir(parents=True)
+    (folder / "results" / "report.html").write_bytes(foreign)
+    (folder / "results" / "secret.html").write_bytes(foreign)
+    status, headers, content = app.get("/files/report.html?shown=1", cookie=True)
+    assert (status, content) == (200, foreign)
+    policy = headers["content-security-policy"]
+    assert "sandbox allow-scripts" in policy
+    assert "allow-same-origin" not in policy
+    assert "default-src 'none'" in policy
+    assert app.get("/files/secret.html", cookie=True)[0] == 404
+    status, headers, _ = app.get("/files/report.html", cookie=True)
+    assert headers["content-disposition"] == 'attachment; filename="report.html"'

@@ -204,6 +204,8 @@ def test_the_whole_journey(
     go_to(page, "5 Report")
     page.keyboard.press("w")
     page.wait_for_selector("text=Written into")
+    shown_report = page.frame_locator("iframe[title='The report']")
+    shown_report.get_by_text("excluded by hand: a shadow").first.wait_for(state="attached")
     page.emulate_media(color_scheme="dark")
     accessible(page)
     tab_to(page, "Report (")

@@ -122,6 +122,12 @@ def test_an_oversized_description_is_refused_unread(session: Session) -> None:
         pipeline.load(session.folder)
 
 
+def test_brackets_without_end_are_refused(session: Session) -> None:
+    (session.folder / "session.toml").write_text("a = " + "[" * 50_000, encoding="utf-8")
+    with pytest.raises(SessionError, match=r"deeper than any|not valid TOML"):
+        pipeline.load(session.folder)
+
+
 def test_only_views_that_exist_are_excluded_and_come_back(session: Session) -> None:
     pipeline.capture(session, "shaft", {"left": np.zeros((4, 4), np.uint8)})
     session = pipeline.load(session.folder)

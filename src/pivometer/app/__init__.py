@@ -7,12 +7,16 @@ The session folder is the only truth (decision 18).
 from __future__ import annotations
 
 import importlib.util
+import os
 import socket
 from pathlib import Path
 
 from pivometer.errors import UsageError
 
 HOST = "127.0.0.1"
+MOST_PIXELS = 2**27
+"""Of a picture that is sent: a small file can unpack to gigabytes. 134 million are more than any
+camera's."""
 
 
 def run_app(folder: Path, *, port: int = 0, browser: bool = True) -> None:
@@ -40,6 +44,7 @@ def run_app(folder: Path, *, port: int = 0, browser: bool = True) -> None:
     if folder.exists() and not folder.is_dir():
         raise UsageError("is a file, not a session folder", next_step="name a folder", path=folder)
     chosen = free_port(port)
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MOST_PIXELS))  # before it is imported
     from pivometer.app.server import serve
 
     serve(folder, port=chosen, browser=browser)

@@ -51,7 +51,7 @@ async def _result_file(work: Work, name: str, *, inline: bool) -> Response:
         return Response(status_code=404)
     content = await asyncio.to_thread(path.read_bytes)
     how = "inline" if inline else f'attachment; filename="{name}"'
-    headers = {**_FRESH, "Content-Disposition": how}
+    headers = {**_FRESH, "Content-Disposition": how, "Content-Security-Policy": _ALONE}
     return Response(content, media_type=FILES[name][1], headers=headers)
 
 
@@ -93,4 +93,9 @@ async def _next_preview(work: Work, camera: str, after: int) -> Response:
     return Response(status_code=204, headers=_FRESH)
 
 
+_ALONE = (
+    "sandbox allow-scripts allow-downloads; default-src 'none'; script-src 'unsafe-inline'; "
+    "style-src 'unsafe-inline'; img-src data: blob:; font-src data:"
+)
+"""A session may come from anybody: its report is shown, but is no part of the app."""
 _FRESH = {"Cache-Control": "no-store"}

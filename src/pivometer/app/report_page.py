@@ -108,7 +108,9 @@ class _ReportPage:
                         link.props(f'href="/files/{name}" download="{name}"')
             if not pdf_extra_is_there():
                 tag("p", 'For a PDF, too: pip install "pivometer[pdf]"')
-            frame = ui.element("iframe").props('title="The report"')
+            frame = ui.element("iframe").props(
+                'title="The report" sandbox="allow-scripts allow-downloads"'
+            )
             stamp = (results / "report.html").stat().st_mtime_ns
             frame.props(f'src="/files/report.html?shown={stamp}"')
 

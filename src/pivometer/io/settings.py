@@ -164,6 +164,12 @@ def read_settings(path: Path) -> Settings:
             next_step='correct that line; text stands in quotes, as in kind = "checkerboard"',
             path=path,
         ) from error
+    except RecursionError:
+        raise SessionError(
+            "nests brackets deeper than any description does",
+            next_step=f"write it: {EXAMPLE}",
+            path=path,
+        ) from None
     problems = [f"{_line(text, key)}{key}: {problem}" for key, problem in _problems(content)]
     if problems:
         several = "" if len(problems) == 1 else f"{len(problems)} problems\n  "
