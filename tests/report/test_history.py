@@ -116,6 +116,18 @@ def test_one_calibration_of_many_sessions_counts_once(folder):
     assert [len(one.points) for one in held_out] == [1]
 
 
+def test_the_order_of_calibrations_is_that_of_time():
+    from pivometer.io.history import Entry
+    from pivometer.pipeline.following import _series
+
+    held_out = [0.1, 0.2, 0.1, 0.3]
+    entries = [
+        Entry(str(i), "", str(i), session=str(i), held_out_mm=v) for i, v in enumerate(held_out)
+    ]
+    (series,) = _series("", entries)
+    assert [point.session for point in series.points] == ["0", "1", "3"]
+
+
 def test_one_value_again_and_again_sets_no_limits():
     assert running_limits([0.1] * 8 + [0.2]) == (None,) * 9
 

@@ -298,6 +298,7 @@ def measure(
         if figures is not None:
             pipeline.write_tables(measurement, figures)
             pipeline.write_figures(measurement, figures)
+            files["figures"] = figures
     show_measurement(measurement, files, ignored=loaded.ignored)
 
 

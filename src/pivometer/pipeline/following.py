@@ -70,7 +70,8 @@ def _series(device: str, entries: list[Entry]) -> Iterator[Series]:
     for name, quantity in _QUANTITIES.items():
         known = [(entry, getattr(entry, name)) for entry in entries if getattr(entry, name)]
         if name == "held_out_mm":  # a calibration that served several sessions counts once
-            known = [*{value: (entry, value) for entry, value in reversed(known)}.values()][::-1]
+            values = [value for _, value in known]
+            known = [one for i, one in enumerate(known) if one[1] not in values[:i]]
         if not known:
             continue
         limits = running_limits([value for _, value in known])
