@@ -207,7 +207,7 @@ class Setup:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Options:
-    """What was asked of `measure`, so that the same can be asked again.
+    """What was asked of `measure`, under the names of its options, so that it can be asked again.
 
     Parameters
     ----------

@@ -59,3 +59,21 @@ def test_every_equation_of_the_paper_has_a_row():
     for first, last in re.findall(r"\((\d+)\)(?:–\((\d+)\))?", cited):
         numbers |= set(range(int(first), int(last or first) + 1))
     assert numbers == set(range(1, 23))
+
+
+def test_what_was_asked_is_recorded_under_the_names_of_measures_options():
+    """`verify` asks `measure` for the same again, name by name."""
+    import inspect
+    from dataclasses import fields
+
+    from pivometer.measurement import Options
+    from pivometer.pipeline import measure
+
+    recorded = {field.name for field in fields(Options)} - {"rig_given"}
+    asked = {
+        name
+        for name, one in inspect.signature(measure).parameters.items()
+        if one.kind is inspect.Parameter.KEYWORD_ONLY
+    }
+    assert recorded <= asked
+    assert asked - recorded <= {"rig", "progress", "floor"}  # the floor is in the result itself

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from pivometer.calibration import Calibration
@@ -215,15 +215,9 @@ def _measured_again(
     rig: Calibration | ImportedRig | None,
     progress: Progress | None,
 ) -> Measurement:
-    again = measure(
-        load(folder),
-        rig=(rig or measurement.calibration) if options.rig_given else None,
-        method=options.method,  # type: ignore[arg-type]
-        distortion=options.distortion,  # type: ignore[arg-type]
-        hints=options.hints,
-        centerline=options.centerline,  # type: ignore[arg-type]
-        progress=progress,
-    )
+    asked = {field.name: getattr(options, field.name) for field in fields(options)}
+    given = (rig or measurement.calibration) if asked.pop("rig_given") else None
+    again = measure(load(folder), rig=given, progress=progress, **asked)
     decided = measurement.decision
     if decided is None:
         return again
