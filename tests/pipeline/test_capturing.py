@@ -122,6 +122,21 @@ def test_an_oversized_description_is_refused_unread(session: Session) -> None:
         pipeline.load(session.folder)
 
 
+def test_a_pose_that_the_table_of_poses_does_not_know_is_refused(session: Session) -> None:
+    image = np.zeros((4, 4), np.uint8)
+    pipeline.capture(session, "shaft", {"left": image, "right": image})
+    (session.folder / "poses.csv").write_text("pose,q1_deg\n000,1.5\n", encoding="utf-8")
+    session = pipeline.load(session.folder)
+    for attempt in (
+        lambda: pipeline.capture(session, "shaft", {"left": image}),
+        lambda: pipeline.add_picture(session, "shaft", "left", "7.png", png()),
+    ):
+        with pytest.raises(UsageError, match=r"none named (001|7)"):
+            attempt()
+    assert list(pipeline.load(session.folder).shaft) == ["000"]
+    assert pipeline.capture(session, "board", {"left": image}) == "000"
+
+
 def test_brackets_without_end_are_refused(session: Session) -> None:
     (session.folder / "session.toml").write_text("a = " + "[" * 50_000, encoding="utf-8")
     with pytest.raises(SessionError, match=r"deeper than any|not valid TOML"):

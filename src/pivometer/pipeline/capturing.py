@@ -100,11 +100,13 @@ def capture(session: Session, group: Group, images: Mapping[str, Image]) -> str:
     Raises
     ------
     UsageError
-        If a camera is none of the session's, or a file cannot be written.
+        If a camera is none of the session's, ``poses.csv`` does not know the pose, or a file cannot
+        be written.
     """
     for name in images:
         _require_camera(session, name)
     stem = _next_stem(session.folder / group)
+    _require_row(session, group, stem)
     for name, image in images.items():
         _, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
         write_file(session.folder / group / name / f"{stem}.png", data.tobytes())
@@ -134,8 +136,8 @@ def add_picture(session: Session, group: str, camera: str, name: str, data: byte
     Raises
     ------
     UsageError
-        If the name is no plain file name of an image, names a file that is there, or the group or
-        camera does not exist.
+        If the name is no plain file name of an image, names a file that is there or a pose that
+        ``poses.csv`` does not know, or the group or camera does not exist.
     ImageError
         If it is too large, or not one whole image.
     """
@@ -150,6 +152,7 @@ def add_picture(session: Session, group: str, camera: str, name: str, data: byte
             next_step="save it as PNG with 8 or 16 bit",
         )
     decode_image(data, name)
+    _require_row(session, group, Path(name).stem)
     folder = session.folder / group / camera
     if any(path.stem == Path(name).stem for path in folder.glob("*")):
         raise UsageError(
@@ -164,6 +167,16 @@ def _require_camera(session: Session, name: str) -> None:
         raise UsageError(
             f"{name!r} is no camera of this session; they are {', '.join(session.cameras)}",
             next_step="name one of them",
+        )
+
+
+def _require_row(session: Session, group: str, stem: str) -> None:
+    """Refuse a pose that ``poses.csv`` does not know: the session could not be read any more."""
+    if group == "shaft" and session.pose_table and stem not in session.pose_table.poses:
+        raise UsageError(
+            f"poses.csv states every pose of this session, and none named {stem}",
+            next_step="move poses.csv away while poses are taken, then add a row for each",
+            path=session.folder / "poses.csv",
         )
 
 
