@@ -39,6 +39,8 @@ def test_the_layers_hold_in_a_copy(copy):
         ("geometry/line.py", "import pivometer.cameras"),
         ("rcm/least_squares.py", "import rich"),
         ("report/html.py", "import pivometer.io"),
+        ("pipeline/measuring.py", "import pivometer.app"),
+        ("app/work.py", "import pivometer.cli"),
     ],
 )
 def test_a_forbidden_import_is_caught(copy, room, forbidden):

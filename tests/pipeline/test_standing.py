@@ -21,6 +21,8 @@ from pivometer.io.session import Session
 from pivometer.io.settings import Settings
 from pivometer.measurement import Measurement, RejectedPose
 from pivometer.pipeline import watching
+from pivometer.pipeline.calibrating import corners
+from pivometer.pipeline.reading import read
 from pivometer.report.pose_map import pose_map, shrinking_chart
 
 DOT = np.zeros((4, 4), np.uint8)
@@ -110,6 +112,14 @@ def test_results_hold_until_a_view_is_taken_out_and_again_when_it_is_back(
     out = pipeline.exclude(back, f"shaft/{stem}", "a hand")
     assert measurement_of(out) is None
     assert measurement_of(pipeline.exclude(out, f"shaft/{stem}", None)) is not None
+
+
+def test_a_board_view_that_is_taken_out_is_rejected_unlooked_at(session: Session) -> None:
+    out = pipeline.exclude(session, "board/001", "blurred")
+    found = corners(read(out.board_views["001"]["left"]), out, (4, 4))
+    assert isinstance(found, RejectedView)
+    assert (found.camera, found.view) == ("left", "board/001")
+    assert found.reason == "excluded by hand: blurred"
 
 
 def test_results_made_without_an_excluded_view_hold(
