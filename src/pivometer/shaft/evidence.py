@@ -21,6 +21,9 @@ LOW_CONTRAST_NOISES = 5.0
 
 LARGE_BLUR_PX = 2.0
 SATURATED_PART = 0.02
+RESPONSE_PX = 0.02
+"""Below, point spreads that are not quite Gaussian look like a response that is not linear."""
+
 BENT_SIGMAS = 4.0
 BENT_PX = 0.1
 """A bend is named where it is significant and larger than what shading alone has moved rows by."""
@@ -126,6 +129,14 @@ def _warnings(fitted: FittedEdges, curvature: Floats, sigma: Floats) -> tuple[st
         found.append(
             f"saturated: {100 * saturated:.0f} % of the pixels beside an edge are at the "
             "sensor's limit, which moves each edge by 0.1 px and more; expose for less"
+        )
+    if abs(fitted.response_px) > RESPONSE_PX:
+        found.append(
+            "not linear: the grey levels across both edges rise as those of a sensor with gamma, "
+            f"which moves each edge {'outward' if fitted.response_px > 0 else 'inward'} by about "
+            f"{abs(fitted.response_px):.2f} px, so the shaft measures too "
+            f"{'thick' if fitted.response_px > 0 else 'thin'}; the centerline stays. Record with "
+            "gamma 1, as PNG or TIFF"
         )
     if fitted.parameters[4] > LARGE_BLUR_PX:
         found.append(

@@ -123,6 +123,8 @@ class FittedEdges:
         whether it could have.
     saturated_part, shading
         As in `ShaftEdges`.
+    response_px
+        How far outward a response that is not linear seems to have moved both edges, px.
     """
 
     start: tuple[EdgeLine, EdgeLine]
@@ -137,6 +139,7 @@ class FittedEdges:
     counted: Bools
     saturated_part: Floats
     shading: str
+    response_px: float = 0.0
 
     @property
     def lines(self) -> tuple[EdgeLine, EdgeLine]:

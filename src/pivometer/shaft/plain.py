@@ -23,6 +23,7 @@ from pivometer.shaft.bands import EdgeLine
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
 from pivometer.shaft.profile import normal_cdf
+from pivometer.shaft.response import common_shift_px
 
 Lines = tuple[EdgeLine, EdgeLine]
 
@@ -244,9 +245,9 @@ def _add_far(gram: Floats, bands: Strip, weights: Floats) -> None:
     for level, side in ((0, 1), (1, 0)):
         gram[..., level, level] += _by_chunk(bands.counts[..., side] * weights)
         far = _by_chunk(bands.sums[..., side] * weights)
-        gram[..., level, 5] += far
-        gram[..., 5, level] += far
-        gram[..., 5, 5] += _by_chunk(bands.squares[..., side] * weights)
+        gram[..., level, -1] += far
+        gram[..., -1, level] += far
+        gram[..., -1, -1] += _by_chunk(bands.squares[..., side] * weights)
 
 
 def _by_chunk(rows: Floats) -> Floats:
@@ -256,10 +257,8 @@ def _by_chunk(rows: Floats) -> Floats:
 
 def _eliminated(gram: Floats) -> Step:
     """Solve every chunk's sums for its two levels; what is left tells the edges and the blur."""
-    across = gram[..., :2, 2:]
-    solved = np.linalg.solve(gram[..., :2, :2] + 1e-9 * np.eye(2), across)
-    rest = gram[..., 2:, 2:] - np.swapaxes(across, -1, -2) @ solved
-    levels = solved[..., 3]
+    rest, solved = _without_levels(gram)
+    levels = solved[..., -1]
     used = (gram[..., 0, 0] > 1) & (gram[..., 1, 1] > 1)
     step = np.where(used, levels[..., 0] - levels[..., 1], 0.0)
     information = rest[..., :3, :3] * (step**2)[..., None, None]
@@ -273,6 +272,25 @@ def _eliminated(gram: Floats) -> Step:
     whole[4, 4], right[4] = by_edge[:, 2, 2].sum(), moved[:, 2].sum()
     chi2, by_chunk = np.asarray(rest[..., 3, 3]), np.asarray(information)
     return Step(whole, right, chi2, np.asarray(levels), by_chunk, np.asarray(gradient))
+
+
+def _without_levels(gram: Floats) -> tuple[Floats, Floats]:
+    """Return what is left of sums of products without the two levels, and their coefficients."""
+    across = gram[..., :2, 2:]
+    solved = np.linalg.solve(gram[..., :2, :2] + 1e-9 * np.eye(2), across)
+    return gram[..., 2:, 2:] - np.swapaxes(across, -1, -2) @ solved, np.asarray(solved)
+
+
+def _response_px(
+    bands: Strip, step: Step, features: Floats, weights: Floats, variance: float, blur_px: float
+) -> float:
+    """Return how far a response that is not linear moves both edges outward, px."""
+    bent = features[:, :, :1] * features[:, :, 1:2]
+    wide = np.concatenate([features[:, :, [0, 1, 2, 3, 4]], bent, features[:, :, 5:]], axis=2)
+    gram = wide @ np.swapaxes(wide, -1, -2)
+    _add_far(gram, bands, weights)
+    contrast = step.levels[..., 0] - step.levels[..., 1]
+    return common_shift_px(_without_levels(gram)[0], contrast, variance, blur_px)
 
 
 def fit_plain(
@@ -443,6 +461,10 @@ def _judged(
         return None
     variance = float(noise.mean()) * max(1.0, excess)
     covariance = np.linalg.inv(step.information + 1e-9 * np.eye(5)) * variance
+    covariance = covariance * _inflation(step, variance)
+    response_px = _response_px(bands, step, features, weights, variance, float(estimate[4]))
+    # Both move outward alike, so the centre is as certain as before.
+    covariance[np.ix_([0, 2], [0, 2])] += response_px**2
     contrast = step.levels[..., 0] - step.levels[..., 1]
     slope = features[:, :, 2].reshape(residual.shape)
     slope = slope * np.repeat(contrast, CHUNK_ROWS, axis=1)[..., None]
@@ -457,7 +479,7 @@ def _judged(
     return FittedEdges(
         start=start,
         parameters=estimate,
-        covariance=covariance * _inflation(step, variance),
+        covariance=covariance,
         contrast=(np.abs(contrast) * chunk).sum(axis=1),
         noise_grey=float(np.sqrt(noise.mean())),
         lever=bands.lever[..., bands.lever.shape[2] // 2],
@@ -467,6 +489,7 @@ def _judged(
         counted=valid,
         saturated_part=saturated_part(bands.near, used, depth),
         shading="flat",
+        response_px=response_px,
     )
 
 
