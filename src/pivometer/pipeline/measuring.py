@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import starmap
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,14 +162,14 @@ def see_shafts(
     """Find and fit the shaft's edges in all images; options as in `measure`."""
     edges: dict[str, dict[str, ShaftEdges | DataError]] = {}
     inputs: dict[str, str] = {}
-    doubts: list[Finding] = []
+    warned: dict[str, list[str]] = {}
     found = {**session.hints, **(hints or {})}
     for name, shafts in session_shafts(session, rig, hints=found, progress=progress).items():
         edges[name] = shafts.edges
         if shafts.warning is not None:
-            doubts.append(_doubt(name, shafts.warning))
+            warned.setdefault(shafts.warning, []).append(name)
         inputs |= shafts.inputs
-    return SeenShafts(edges, inputs, tuple(doubts))
+    return SeenShafts(edges, inputs, tuple(starmap(_doubt, warned.items())))
 
 
 def measure_seen(session: Session, calibration: Calibration, seen: SeenShafts) -> Measurement:
@@ -235,12 +236,13 @@ def measure_edges(
     return with_checks(measurement, session, progress)
 
 
-def _doubt(camera: str, warning: str) -> Finding:
+def _doubt(warning: str, cameras: Sequence[str]) -> Finding:
+    """Say why what these cameras found may not be the shaft; together they name themselves."""
     return Finding(
         "warning",
-        f"camera {camera}: {warning}",
+        warning if len(cameras) > 1 else f"camera {cameras[0]}: {warning}",
         "state diameter_mm, which another rod does not have, or say which it is: "
-        f"--hint {camera}=X,Y,WIDTH",
+        + " ".join(f"--hint {camera}=X,Y,WIDTH" for camera in cameras),
     )
 
 

@@ -279,9 +279,9 @@ def find_shaft(
     of both true edges, 47 of 48 black glossy shafts before clutter within 0.9 px, one rejected.
     Scenes drawn for stress (clutter, carriage, collar, cannula, a second pivoting rod, shadows and
     flicker) and their rates of found and wrong shafts: `benchmarks/detection.py`. Where two things
-    turn, the wider is the shaft (`rivals`).
+    turn, the wider is the shaft (`rivals`); cameras of a rig know better (`concurrence`).
     Thin shafts in images over 1280 px need about 3 px after averaging down (12 of 4000 px). In
-    three to five frames two alike rods can pass for one that turns: state the diameter.
+    three to five frames two alike rods can pass for one that turns before one camera.
 
     Examples
     --------
