@@ -8,19 +8,15 @@ import math
 from markupsafe import Markup
 from nicegui import ui
 
-from pivometer.app.shell import Field, Tell, button, drawing, enable, keys, page_frame, tag
+from pivometer.app.result_figures import Drawn, drawn, show_figures, show_tables
+from pivometer.app.shell import Field, Tell, button, enable, keys, page_frame, tag
 from pivometer.app.view_list import ViewList, ViewRow
 from pivometer.app.watcher import Watcher
 from pivometer.app.work import Work, fault_text
 from pivometer.errors import PivometerError
 from pivometer.io.session import Session
 from pivometer.measurement import Measurement, UsedPose
-from pivometer.report import captions
-from pivometer.report.chart import pose_chart
 from pivometer.report.overlays import photo_overlay
-from pivometer.report.structure_figures import direction_map, order_chart
-from pivometer.report.structure_tables import structure_sentences
-from pivometer.report.target import target_plot
 from pivometer.report.verdict import verdict
 
 _LEAD = (
@@ -56,13 +52,14 @@ class _ResultPage:
             button("Check the limit", self._check)
         self._views = ViewList(work, _TITLES, self._measure, self._overlay)
         self._figures = ui.element("section").classes("card figures")
+        self._tables = ui.element("section").classes("card")
         keys({"M": self._measure})
         ui.timer(0.3, self._tell)
 
     async def draw(self) -> None:
         """Draw what holds now."""
         measured = await asyncio.to_thread(self._work.result)
-        self._show(measured)
+        await self._show(measured)
         if self._work.limit_mm is not None:
             self._limit.show(f"{self._work.limit_mm:g}")
 
@@ -79,31 +76,36 @@ class _ResultPage:
             return
         self._busy, self._progress = True, "Measuring …"
         enable(self._go, on=False)
+        measured, said, kind = None, "Measured.", "good"
         try:
             measured = await asyncio.to_thread(self._work.measure, self._heard)
         except PivometerError as error:
-            self._told.say(fault_text(error), "bad")
-            self._show(None)
-        else:
-            self._told.say("Measured.", "good")
-            self._show(measured)
+            said, kind = fault_text(error), "bad"
         finally:
             self._busy = False
+        self._told.say(said, kind)
+        await self._show(measured)
         enable(self._go, on=True)
 
-    def _show(self, measured: Measurement | None) -> None:
+    async def _show(self, measured: Measurement | None) -> None:
+        made: Drawn | None = None
+        if measured is not None:
+            made = await asyncio.to_thread(drawn, measured)
         self._answer.clear()
         self._figures.clear()
+        self._tables.clear()
         if self._work.session is not None:
             self._views.draw(_rows(measured, self._work.session))
-        if measured is None:
+        if measured is None or made is None:
             with self._answer:
                 tag("p", "There is no result of the poses there are.")
             return
         with self._answer:
             _say(measured)
         with self._figures:
-            _draw_figures(measured)
+            show_figures(made)
+        with self._tables:
+            show_tables(made)
 
     def _overlay(self, view: str, camera: str) -> Markup:
         measured = self._work.measured
@@ -129,7 +131,7 @@ class _ResultPage:
             self._told.say(fault_text(error), "bad")
             return
         self._told.say("Decided.", "good")
-        self._show(measured)
+        await self._show(measured)
 
 
 def _say(measured: Measurement) -> None:
@@ -159,25 +161,3 @@ def _rows(measured: Measurement | None, session: Session) -> list[ViewRow]:
         state = reasons.get(stem, "taken" if out is None else f"out: {out}")
         rows.append((f"shaft/{stem}", "–", "–", "–", state, out is not None))
     return rows
-
-
-def _draw_figures(measured: Measurement) -> None:
-    numbers = [n for n, pose in enumerate(measured.poses, 1) if isinstance(pose, UsedPose)]
-    structure = measured.structure
-    tag("h2", "Figures")
-    with ui.element("div").classes("two"):
-        _figure(target_plot(measured, numbers), captions.target(measured))
-        if structure is not None:
-            _figure(direction_map(structure), captions.MAP)
-    _figure(pose_chart(measured), captions.CHART)
-    if structure is not None:
-        tag("h3", "What the misses follow")
-        for sentence in structure_sentences(structure):
-            tag("p", sentence)
-        _figure(order_chart(structure), captions.ORDER)
-
-
-def _figure(svg: Markup, caption: str) -> None:
-    with ui.element("figure"):
-        drawing(svg)
-        tag("figcaption", caption)

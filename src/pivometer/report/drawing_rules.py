@@ -13,5 +13,7 @@ def drawing_rules(scope: str) -> str:
     True
     """
     page = files("pivometer.report").joinpath("templates", "report.css").read_text("utf-8")
-    rules = re.findall(r"^(?:svg|\.photo svg|\.photo \.)[^{}]*\{[^{}]*\}", page, re.MULTILINE)
+    rules = re.findall(
+        r"^(?:svg|\.scene|\.photo svg|\.photo \.)[^{}]*\{[^{}]*\}", page, re.MULTILINE
+    )
     return f"{scope} {{\n" + "\n".join(rules) + "\n}"
