@@ -16,8 +16,8 @@ def guided(
 ) -> None:
     """Lead through a measurement in the browser of this computer.
 
-    Five steps, which can be left and resumed: Set up, Calibrate, Poses, Result, Report. Nothing
-    leaves this computer, and nobody without the address printed can look.
+    Five steps, which can be left and resumed. Nothing leaves this computer,
+    and nobody without the printed address can look.
 
     Parameters
     ----------
