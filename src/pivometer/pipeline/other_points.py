@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from pivometer.measurement import ImportedRig, Measurement
+from pivometer.measurement import Measurement
+from pivometer.pipeline.displacements import displacements_mm
 from pivometer.rcm import weighting_findings, with_other_points
-from pivometer.uncertainty import calibration_displacements
 
 
 def with_all_points(measurement: Measurement) -> Measurement:
@@ -17,15 +17,12 @@ def with_all_points(measurement: Measurement) -> Measurement:
     The weighted point needs the covariance of every line. The calibration's part is in it unless
     the rig was imported, which leaves that part unknown.
     """
-    used, calibration = measurement.used, measurement.calibration
+    used = measurement.used
     point = measurement.rcm.least_squares.point_mm
     covariances, common = None, None
     if all(pose.centerline.covariance.any() for pose in used):
         covariances = [pose.centerline.position_covariance_mm2(point) for pose in used]
-        if not isinstance(calibration, ImportedRig):
-            common = calibration_displacements(
-                [pose.edges for pose in used], calibration.rig, calibration.covariance, point
-            )
+        common = displacements_mm(measurement)
     rcm = with_other_points(
         measurement.rcm,
         np.stack([pose.centerline.point_mm for pose in used]),

@@ -8,8 +8,9 @@ import numpy as np
 
 from pivometer.errors import DataError
 from pivometer.measurement import ImportedRig, Measurement
+from pivometer.pipeline.displacements import displacements_mm
 from pivometer.rcm import Finding
-from pivometer.uncertainty import IntrinsicError, calibration_displacements, intrinsic_error
+from pivometer.uncertainty import IntrinsicError, intrinsic_error
 
 
 def own_error(measurement: Measurement) -> IntrinsicError:
@@ -25,8 +26,8 @@ def own_error(measurement: Measurement) -> IntrinsicError:
     DataError
         If the rig was imported: then the calibration's part is unknown.
     """
-    used, calibration = measurement.used, measurement.calibration
-    if isinstance(calibration, ImportedRig):
+    used, common = measurement.used, displacements_mm(measurement)
+    if common is None:
         raise DataError(
             "the rig was imported without its uncertainty, so the instrument's part of the misses "
             "is unknown",
@@ -37,9 +38,7 @@ def own_error(measurement: Measurement) -> IntrinsicError:
         np.stack([pose.centerline.point_mm for pose in used]),
         np.stack([pose.centerline.direction for pose in used]),
         np.stack([pose.centerline.position_covariance_mm2(point) for pose in used]),
-        common_mm=calibration_displacements(
-            [pose.edges for pose in used], calibration.rig, calibration.covariance, point
-        ),
+        common_mm=common,
     )
 
 

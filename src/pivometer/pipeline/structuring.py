@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from pivometer._arrays import Floats
 from pivometer.io.joints import FILE_NAME, PoseTable
 from pivometer.io.session import Session
-from pivometer.measurement import ImportedRig, Measurement
+from pivometer.measurement import Measurement
+from pivometer.pipeline.displacements import displacements_mm
 from pivometer.rcm import Finding
 from pivometer.rcm.structure import ErrorStructure, Pattern, error_structure
-from pivometer.uncertainty import calibration_displacements
 
 
 def with_structure(measurement: Measurement, session: Session) -> Measurement:
@@ -51,7 +50,7 @@ def structure_of(measurement: Measurement, table: PoseTable | None = None) -> Er
         np.stack([pose.centerline.direction for pose in used]),
         poses=names,
         covariances_mm2=np.stack([pose.centerline.position_covariance_mm2(point) for pose in used]),
-        common_mm=_calibration(measurement, point),
+        common_mm=displacements_mm(measurement),
         times_s=None if rows is None else rows.times_s,
         approach=() if rows is None else rows.approach,
         joints={} if rows is None else rows.joints,
@@ -60,15 +59,6 @@ def structure_of(measurement: Measurement, table: PoseTable | None = None) -> Er
         return structure
     board_from_reference = measurement.board_frame.reference_from_board.inverse()
     return replace(structure, board_misses_mm=board_from_reference.rotate(structure.misses_mm))
-
-
-def _calibration(measurement: Measurement, point: Floats) -> Floats | None:
-    """Return what the calibration moves each line by; `None` where that is unknown."""
-    calibration = measurement.calibration
-    if isinstance(calibration, ImportedRig):
-        return None
-    edges = [pose.edges for pose in measurement.used]
-    return calibration_displacements(edges, calibration.rig, calibration.covariance, point)
 
 
 def _moved(pattern: Pattern) -> Finding:
