@@ -128,10 +128,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sessions", type=int, default=15)
     parser.add_argument("--development", action="store_true")
+    parser.add_argument("--first", type=int, default=HELD_OUT)
     parser.add_argument("--only", default="")
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args()
-    first = DEVELOPMENT if options.development else HELD_OUT
+    first = DEVELOPMENT if options.development else options.first
     print(f"{'':32}{'':7}{'found':>9}{'':14}{'used':>9}")
     head = f"{'':32}{'images':>7}" + f"{'%':>9}{'wrong':>7}{'gross':>7}" * 2
     print(f"{head}{'refused':>9}{'ms':>9}{'/decode':>8}")

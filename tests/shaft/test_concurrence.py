@@ -97,6 +97,17 @@ def test_two_rods_as_wide_are_refused_and_told_apart_by_a_stated_diameter():
     assert "may have the stated 11.2 mm" in (both.doubt or "")
 
 
+def test_a_rod_that_hardly_has_the_stated_diameter_is_not_taken_where_a_stripe_is_all_else():
+    # Of the 10 mm shaft only a stripe of 5 mm is seen; the rod measures 12.
+    stripe = seen(PIVOT, 5.0, thing=0, seed=1, noise_px=0.2)
+    rod = seen(ROD_PIVOT, 12.0, thing=1, seed=2, noise_px=0.2)
+    found = concurrence(together(stripe, rod), POSES, RIG, diameter_mm=10.0)
+    assert found.shaft is None
+    assert "neither clearly has the stated 10 mm" in (found.doubt or "")
+    alone = concurrence(together(rod), POSES, RIG, diameter_mm=10.0)
+    assert alone.shaft is not None  # later checks compare it with the stated one, better measured
+
+
 def test_where_nothing_agrees_no_camera_loses_its_own_choice():
     shaft, rod = seen(PIVOT, 10.0, thing=0, seed=1), seen(ROD_PIVOT, 5.0, thing=0, seed=2)
     found = concurrence([[shaft[0]], [rod[1]]], POSES, RIG)

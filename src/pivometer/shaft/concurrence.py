@@ -165,12 +165,18 @@ def concurrence(
     if diameter_mm is not None:
         fitting = [one for one in agreeing if one.departure(diameter_mm) < MOST_SIGMAS]
         if fitting:
-            return _fitting(fitting, diameter_mm, rig)
+            return _fitting(fitting, agreeing, diameter_mm, rig)
     return _widest(agreeing, rig)
 
 
-def _fitting(fitting: Sequence[Together], diameter_mm: float, rig: Rig) -> Concurrence:
-    """Take the thing that has the stated diameter, unless another may have it as well."""
+def _fitting(
+    fitting: Sequence[Together], agreeing: Sequence[Together], diameter_mm: float, rig: Rig
+) -> Concurrence:
+    """Take the thing that has the stated diameter, unless another may have it as well.
+
+    Where other things turn it must fit well: one of them may be the shaft, of which only a stripe
+    is seen.
+    """
     distinct = _distinct(
         fitting, lambda one: one.score * np.exp(-(one.departure(diameter_mm) ** 2))
     )
@@ -181,6 +187,15 @@ def _fitting(fitting: Sequence[Together], diameter_mm: float, rig: Rig) -> Concu
             None,
             f"two things turn that may have the stated {diameter_mm:g} mm: "
             f"{shaft.described(rig)} and {others[0].described(rig)}",
+        )
+    parts = set(enumerate(shaft.things))
+    rest = [one for one in agreeing if parts.isdisjoint(enumerate(one.things))]
+    if rest and shaft.departure(diameter_mm) > CLEAR_SIGMAS:
+        rival = max(rest, key=lambda one: one.score)
+        return Concurrence(
+            None,
+            f"two things turn, and neither clearly has the stated {diameter_mm:g} mm: "
+            f"{shaft.described(rig)} and {rival.described(rig)}",
         )
     return Concurrence(shaft, None)
 
