@@ -15,8 +15,11 @@ from pivometer.rcm.structure import ErrorStructure
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.hint import ShaftHint
 from pivometer.shaft.triangulation import Centerline
+from pivometer.uncertainty.budget import UncertaintyBudget
+from pivometer.uncertainty.floor import InstrumentFloor
 from pivometer.uncertainty.frame import BoardFrameUncertainty
 from pivometer.uncertainty.intrinsic import IntrinsicError
+from pivometer.uncertainty.monte_carlo import MonteCarlo
 from pivometer.uncertainty.propagation import LinesUncertainty, LocationUncertainty
 from pivometer.uncertainty.shaft_bend import ShaftBend
 from pivometer.uncertainty.shaft_check import MoveTest, ShaftDiameter
@@ -219,6 +222,10 @@ class Options:
         By camera, where the shaft is; without those of ``session.toml``.
     rig_given
         Whether the calibration came from elsewhere; it is then the one in the result.
+    draws
+        How many draws of a Monte Carlo; 0 for none.
+    bearing_rms_mm
+        Rms miss of the joint itself in a session of a gold standard, mm; `None` in others.
     """
 
     method: str
@@ -226,6 +233,8 @@ class Options:
     centerline: str
     hints: Mapping[str, ShaftHint]
     rig_given: bool
+    draws: int = 0
+    bearing_rms_mm: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -398,6 +407,14 @@ class Measurement:
         How and when it was made; `None` in files of versions that did not state it.
     decision
         Whether it keeps a limit; `None` where none was stated.
+    budget
+        What each source contributes to the uncertainty; `None` where not all are known.
+    floor
+        The instrument's floor on a gold standard, which counts as noise here; `None` without one.
+    gold_standard
+        The instrument's floor as this measurement shows it, if it is one of a gold standard.
+    monte_carlo
+        The same uncertainties by drawing; `None` where that was not asked for.
     """
 
     rcm: RcmSolution
@@ -414,6 +431,10 @@ class Measurement:
     shaft: ShaftAgreement | None = None
     provenance: Provenance | None = None
     decision: LimitDecision | None = None
+    budget: UncertaintyBudget | None = None
+    floor: InstrumentFloor | None = None
+    gold_standard: InstrumentFloor | None = None
+    monte_carlo: MonteCarlo | None = None
 
     @property
     def reference_camera(self) -> str:

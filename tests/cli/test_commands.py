@@ -121,7 +121,13 @@ def test_the_help_of_a_command_opens_with_an_example(
     assert capsys.readouterr().out.startswith(f"Example:  pivometer {command}")
 
 
-USUAL = {"hints": {}, "centerline": "paper"}
+USUAL = {
+    "hints": {},
+    "centerline": "paper",
+    "floor": None,
+    "bearing_rms_mm": None,
+    "draws": 0,
+}
 
 
 def test_measure_calibrates_where_no_rig_is_given(calls: Calls, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from pivometer.io.result import result_text
 from pivometer.measurement import Measurement, ShaftAgreement, UsedPose
 from pivometer.pipeline import check
 from pivometer.pipeline.junit import junit_text
+from pivometer.pipeline.line_errors import line_errors
 from pivometer.pipeline.own_error import own_error, with_own_error
 from pivometer.pipeline.structuring import structure_of
 from pivometer.rcm import Finding, solve
@@ -114,7 +115,11 @@ def test_a_condition_that_is_not_met_forbids_a_decision(
     condition: str, make_measurement: Make
 ) -> None:
     measurement = with_own_error(good(make_measurement))
-    measurement = replace(measurement, structure=structure_of(measurement), shaft=agreement())
+    measurement = replace(
+        measurement,
+        structure=structure_of(measurement, line_errors(measurement)),
+        shaft=agreement(),
+    )
     assert all(one.status == "met" for one in check(measurement, 0.5).validity)
     outcome = check(broken(measurement, condition, make_measurement), 0.5)
     assert (outcome.decision, outcome.exit_code) == ("invalid", 4)

@@ -7,6 +7,7 @@ import numpy as np
 
 from pivometer.io.joints import PoseTable
 from pivometer.measurement import UsedPose
+from pivometer.pipeline.line_errors import line_errors
 from pivometer.pipeline.structuring import with_structure
 
 
@@ -22,13 +23,13 @@ def test_a_jump_half_way_is_a_warning(make_measurement):
     half = len(measurement.poses) // 2
     after = [moved_on(pose, shift) for pose in measurement.poses[half:]]
     jumped = replace(measurement, poses=(*measurement.poses[:half], *after))
-    told = with_structure(jumped, SimpleNamespace(pose_table=None))
+    told = with_structure(jumped, SimpleNamespace(pose_table=None), line_errors(jumped))
     (finding,) = (f for f in told.findings if "moved during the session" in f.text)
     assert finding.severity == "warning"
     assert "jumps by" in finding.text
     (pattern,) = (p for p in told.structure.found if p.kind == "order")
     assert (np.abs(pattern.shift_mm - shift) < 4 * pattern.shift_u_mm).all()
-    before = with_structure(measurement, SimpleNamespace(pose_table=None))
+    before = with_structure(measurement, SimpleNamespace(pose_table=None), line_errors(measurement))
     assert before.findings == measurement.findings
 
 
@@ -38,7 +39,7 @@ def test_what_the_session_says_of_its_poses_is_in_the_result(make_measurement):
     rows = np.random.default_rng(0).permutation(len(names))
     shuffled = tuple(names[k] for k in rows)
     table = PoseTable(shuffled, rows * 10.0, ("+",) * len(rows), {"q1_deg": 1.0 * rows}, "ab")
-    told = with_structure(measurement, SimpleNamespace(pose_table=table))
+    told = with_structure(measurement, SimpleNamespace(pose_table=table), line_errors(measurement))
     assert told.inputs["poses.csv"] == "ab"
     place = [names.index(pose) for pose in told.structure.poses]
     np.testing.assert_array_equal(told.structure.times_s, np.multiply(place, 10.0))

@@ -12,6 +12,7 @@ import pytest
 
 from pivometer.errors import UsageError
 from pivometer.io.joints import PoseTable
+from pivometer.pipeline.line_errors import line_errors
 from pivometer.pipeline.structuring import structure_of
 from pivometer.report.csv_tables import csv_files
 from pivometer.report.plots import figure_files
@@ -22,7 +23,9 @@ def structured(make_measurement):
     measurement = make_measurement(count=12)
     names = tuple(pose.pose for pose in measurement.poses)
     table = PoseTable(names, np.arange(len(names)) * 20.0, (), {}, "0" * 64)
-    return replace(measurement, structure=structure_of(measurement, table))
+    return replace(
+        measurement, structure=structure_of(measurement, line_errors(measurement), table)
+    )
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pivometer.io.joints import PoseTable
+from pivometer.pipeline.line_errors import line_errors
 from pivometer.pipeline.structuring import structure_of
 from pivometer.report import render_html
 from pivometer.report.structure_figures import direction_map, order_chart
@@ -22,7 +23,9 @@ def structured(measurement):
     names = tuple(pose.pose for pose in measurement.poses)
     times = np.arange(len(names)) * 20.0
     table = PoseTable(names, times, (), {"q1_deg": np.linspace(-30, 30, len(names))}, "0" * 64)
-    return replace(measurement, structure=structure_of(measurement, table))
+    return replace(
+        measurement, structure=structure_of(measurement, line_errors(measurement), table)
+    )
 
 
 def test_the_report_has_the_section_only_where_it_is_stated(measurement, structured, thumbnails):

@@ -7,8 +7,9 @@ from pivometer.calibration.board import Board, BoardView
 from pivometer.calibration.frame import fixed_board
 from pivometer.geometry.rigid import RigidTransform
 from pivometer.uncertainty import location_uncertainty, mahalanobis
+from pivometer.uncertainty.carried_edges import rcm_of_points, thinned_points
 from pivometer.uncertainty.frame import board_frame_uncertainty
-from pivometer.uncertainty.propagation import rcm_of_points, square_root, thinned_points
+from pivometer.uncertainty.propagation import square_root
 
 POSE = RigidTransform.from_rotation_vector([0.05, -0.75, 0.06], [-40.0, 20.0, 480.0])
 

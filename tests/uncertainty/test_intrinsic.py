@@ -43,7 +43,7 @@ def test_traces_are_those_of_the_whole_matrices():
     R = across - T @ np.linalg.inv(projectors.sum(axis=0)) @ T.T
     RS = R @ (whole + shared @ shared.T)
     centred = centred_lines(points, axes)
-    found = _traces(centred, *_turned(centred, given_covariances, common))
+    found = _traces(centred, _turned(centred, given_covariances, common))
     assert found == pytest.approx((np.trace(RS), np.trace(RS @ RS)), rel=1e-11)
 
 

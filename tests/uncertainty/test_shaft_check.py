@@ -11,7 +11,8 @@ from pivometer.errors import ShapeError
 from pivometer.geometry import RigidTransform
 from pivometer.geometry.cylinder import tangent_planes
 from pivometer.shaft.cylinder_fit import perpendicular_bases
-from pivometer.uncertainty.remainders import SHADING_PX, remainders
+from pivometer.uncertainty.remainders import remainders
+from pivometer.uncertainty.shading import SHADING_PX
 from pivometer.uncertainty.shaft_check import check_shaft
 
 TARGET = np.array([6.0, 65.0, 478.0])

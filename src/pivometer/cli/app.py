@@ -29,6 +29,7 @@ Paper = Literal["A4", "A3", "Letter"]
 UnitMm = Annotated[float | None, Parameter(validator=Number(gt=0))]
 FileUnitMm = Annotated[float, Parameter(validator=Number(gt=0, lt=float("inf")))]
 ImageSize = Annotated[tuple[int, int] | None, Parameter(negative="")]
+Draws = Annotated[int | None, Parameter(validator=Number(gte=100))]
 Hints = Annotated[list[str] | None, Parameter(negative="")]
 
 _Value = TypeVar("_Value")
@@ -191,6 +192,8 @@ def calibrate(
     help_prologue="""\
 Example:  pivometer measure my-session
           pivometer measure other-session --rig my-session/results/rig.json
+          pivometer measure bearing --gold-standard --bearing-rms-mm 0.002
+          pivometer measure my-session --floor bearing/results/result.json
 """
 )
 def measure(
@@ -207,6 +210,10 @@ def measure(
     unit_mm: UnitMm = None,
     image_size: ImageSize = None,
     hint: Hints = None,
+    floor: Path | None = None,
+    gold_standard: Annotated[bool, Parameter(negative="")] = False,
+    bearing_rms_mm: Annotated[float | None, Parameter(validator=Number(gte=0))] = None,
+    monte_carlo: Draws = None,
 ) -> None:
     """Measure the RCM of a session and write the report.
 
@@ -242,12 +249,24 @@ def measure(
     hint
         Where a camera's shaft is, if it is not found by itself: CAMERA=X,Y or CAMERA=X,Y,WIDTH,
         the pixel about which it turns and its width there. Once for each camera that needs it.
+    floor
+        The result.json of a gold standard measured with the same cameras: what the instrument
+        showed there beyond its stated noise counts as noise here.
+    gold_standard
+        The session shows a spherical bearing or another joint that turns about one point: the
+        result then states the instrument's own floor, for --floor.
+    bearing_rms_mm
+        What that joint misses by itself, rms, mm; taken for perfect where none is given.
+    monte_carlo
+        Number of draws of a Monte Carlo through the whole chain, beside the linear propagation:
+        10000 take a minute. None where none is given.
     """
     from pivometer import pipeline
     from pivometer.cli.hints import shaft_hints
     from pivometer.cli.progress import progress_bar
     from pivometer.cli.show import show_measurement
     from pivometer.io.formats import read_any_rig
+    from pivometer.io.result import read_floor
 
     if rig is not None and (method or distortion) is not None:
         raise UsageError(
@@ -259,6 +278,10 @@ def measure(
         raise UsageError(
             "--unit-mm and --image-size describe a --rig, and none is given",
             next_step="add --rig, or leave them out",
+        )
+    if bearing_rms_mm is not None and not gold_standard:
+        raise UsageError(
+            "--bearing-rms-mm describes a gold standard", next_step="add --gold-standard"
         )
     hints = shaft_hints(hint or [])
     loaded = pipeline.load(session)
@@ -275,10 +298,14 @@ def measure(
         "--distortion": distortion,
         "--centerline": centerline,
         "--unit-mm": unit_mm,
+        "--floor": floor,
+        "--bearing-rms-mm": bearing_rms_mm,
+        "--monte-carlo": monte_carlo,
     }
     given = [str(word) for option in options.items() if option[1] is not None for word in option]
     given += [] if image_size is None else ["--image-size", *map(str, image_size)]
     given += [word for text in hint or [] for word in ("--hint", text)]
+    given += ["--gold-standard"] if gold_standard else []
     command = shlex.join(["pivometer", "measure", str(session), *given])
     with progress_bar() as progress:
         measurement = pipeline.measure(
@@ -288,6 +315,9 @@ def measure(
             distortion=distortion or "radial2",
             hints=hints,
             centerline=centerline or "paper",
+            floor=None if floor is None else read_floor(floor),
+            bearing_rms_mm=(bearing_rms_mm or 0.0) if gold_standard else None,
+            draws=monte_carlo or 0,
             progress=progress,
         )
         if limit is not None:
@@ -521,6 +551,7 @@ def check(
     baseline: Path | None = None,
     junit: Path | None = None,
     rig: Path | None = None,
+    floor: Path | None = None,
     output: Path | None = None,
 ) -> int:
     """Decide whether a robot's RCM error keeps a limit.
@@ -541,6 +572,8 @@ def check(
         JUnit XML file to write.
     rig
         The rig.json of an earlier calibration, for a session.
+    floor
+        The result.json of a gold standard, for a session: see pivometer measure.
     output
         Folder for the results of a session; nothing is written where none is given.
     """
@@ -550,7 +583,7 @@ def check(
 
     try:
         earlier = None if baseline is None else read_result(baseline)
-        measurement = _measured(session, rig, output, limit, guard)
+        measurement = _measured(session, rig, floor, output, limit, guard)
         outcome = pipeline.check(measurement, limit, guard_mm=guard, baseline=earlier)
     except PivometerError as error:
         if junit is not None:  # or CI would show the file of the last run
@@ -563,17 +596,22 @@ def check(
 
 
 def _measured(
-    session: Path, rig: Path | None, output: Path | None, limit: float, guard: float | None
+    session: Path,
+    rig: Path | None,
+    floor: Path | None,
+    output: Path | None,
+    limit: float,
+    guard: float | None,
 ) -> "Measurement":
     """Return the measurement in a result file, or measure a session."""
     from pivometer import pipeline
     from pivometer.cli.progress import progress_bar
-    from pivometer.io.result import read_result, read_rig
+    from pivometer.io.result import read_floor, read_result, read_rig
 
     if session.is_file():
-        if rig is not None or output is not None:
+        if any(option is not None for option in (rig, floor, output)):
             raise UsageError(
-                "--rig and --output are for a session, but this is a file",
+                "--rig, --floor and --output are for a session, but this is a file",
                 next_step="leave them out, or name the session's folder",
                 path=session,
             )
@@ -581,7 +619,12 @@ def _measured(
     loaded = pipeline.load(session)
     known = None if rig is None else read_rig(rig)
     with progress_bar() as progress:
-        measurement = pipeline.measure(loaded, rig=known, progress=progress)
+        measurement = pipeline.measure(
+            loaded,
+            rig=known,
+            floor=None if floor is None else read_floor(floor),
+            progress=progress,
+        )
         if output is not None:
             command = shlex.join(["pivometer", "check", str(session), "--limit", str(limit)])
             decided = pipeline.with_decision(measurement, limit, guard_mm=guard)

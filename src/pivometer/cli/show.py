@@ -26,6 +26,11 @@ from pivometer.report.tables import (
     miss_table,
     rejected_table,
 )
+from pivometer.report.uncertainty_tables import (
+    budget_sentences,
+    floor_sentence,
+    monte_carlo_table,
+)
 from pivometer.report.verdict import verdict
 
 if TYPE_CHECKING:
@@ -71,6 +76,12 @@ def show_measurement(
         say(shaft_sentence(measurement))
     if measurement.structure is not None:
         say(*structure_sentences(measurement.structure))
+    say(*budget_sentences(measurement))
+    drawn = monte_carlo_table(measurement)
+    if drawn is not None:
+        show_table(drawn)
+    if measurement.gold_standard is not None:
+        say(floor_sentence(measurement))
     if measurement.rejected:
         show_table(rejected_table(measurement))
     for finding in measurement.findings:

@@ -16,6 +16,7 @@ from pivometer.calibration import Calibration
 from pivometer.errors import UsageError
 from pivometer.io.codec import json_text, jsonable, read_json, typed
 from pivometer.measurement import ImportedRig, Measurement
+from pivometer.uncertainty.floor import InstrumentFloor
 
 RESULT_SCHEMA = "pivometer/result/1"
 RIG_SCHEMA = "pivometer/rig/1"
@@ -145,6 +146,24 @@ def read_result(path: Path | str) -> Measurement:
         If the file is not a result, or is damaged; the message says where.
     """
     return measurement_in(_content(Path(path), (RESULT_SCHEMA,)), path)
+
+
+def read_floor(path: Path | str) -> InstrumentFloor:
+    """Read the instrument's floor in the ``result.json`` of a gold standard.
+
+    Raises
+    ------
+    UsageError
+        If the file is not a result, is damaged, or is not of a gold standard.
+    """
+    floor = read_result(path).gold_standard
+    if floor is None:
+        raise UsageError(
+            "is the result of a session that was not measured as a gold standard",
+            next_step="measure it with pivometer measure --gold-standard",
+            path=Path(path),
+        )
+    return floor
 
 
 def measurement_in(content: object, path: Path | str) -> Measurement:

@@ -33,6 +33,11 @@ _SHAPES = {
     "total_mm2": (3, 3),
     "axis": (3,),
     "shift_u_mm": (3,),
+    "shading_mm2": (3, 3),
+    "location_u_mm": (3,),
+    "board_u_mm": (3,),
+    "excess_mm2": (3,),
+    "linear_ratio": (3,),
 }
 """Arrays whose shape is the same wherever the name occurs; others are arrays of numbers."""
 

@@ -21,7 +21,7 @@ from pivometer.rcm import Finding
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.gate import NOMINAL_TOLERANCE, SPREAD_TOLERANCE
 from pivometer.shaft.triangulation import WARN_DIHEDRAL_RAD, triangulate_centerline
-from pivometer.uncertainty.propagation import SeenAlike, rcm_of_points, thinned_points
+from pivometer.uncertainty.carried_edges import SeenAlike, rcm_of_points, thinned_points
 
 BETTER = 5.0
 """How many times better centerlines must meet in another order of cameras or files to say that the

@@ -35,9 +35,13 @@ from pivometer.measurement import (
     Setup,
     UsedPose,
 )
+from pivometer.pipeline.budgeting import with_budget
 from pivometer.pipeline.calibrating import Method, calibrate
 from pivometer.pipeline.diagnosing import refuse_other_scale, refuse_wrong_order, with_checks
+from pivometer.pipeline.drawing import with_monte_carlo
 from pivometer.pipeline.framing import with_board_frame
+from pivometer.pipeline.gold_standard import with_gold_standard
+from pivometer.pipeline.line_errors import line_errors
 from pivometer.pipeline.other_points import with_all_points
 from pivometer.pipeline.own_error import with_own_error
 from pivometer.pipeline.provenance import provenance_now, settings_hashes
@@ -60,6 +64,7 @@ from pivometer.uncertainty import (
     lines_uncertainty,
     location_uncertainty,
 )
+from pivometer.uncertainty.floor import InstrumentFloor
 from pivometer.uncertainty.sequence import scatter, sequence_findings
 
 
@@ -71,6 +76,9 @@ def measure(
     distortion: DistortionModel = "radial2",
     hints: Mapping[str, ShaftHint] | None = None,
     centerline: Route = "paper",
+    floor: InstrumentFloor | None = None,
+    bearing_rms_mm: float | None = None,
+    draws: int = 0,
     progress: Progress | None = None,
 ) -> Measurement:
     """Measure the RCM of a session.
@@ -90,6 +98,14 @@ def measure(
     centerline
         What a pose's centerline is: ``"paper"``, where the planes midway between the edges meet, or
         ``"cylinder"``, the axis of the cylinder that fits all edges best.
+    floor
+        What the instrument showed on a gold standard: `Measurement.gold_standard` of that session.
+        It counts as noise of the instrument.
+    bearing_rms_mm
+        Says that this is a gold standard, a joint that turns about one point: what it misses by
+        itself, rms, mm. The result then states the instrument's floor.
+    draws
+        How many draws of a Monte Carlo to make; none for 0.
     progress
         Called as ``progress(stage, done, total)``.
 
@@ -106,12 +122,17 @@ def measure(
     DataError
         If the data cannot support an answer: its subclasses say why.
     UsageError
-        If the calibration is of other cameras.
+        If the calibration or the floor is of other cameras.
 
     References
     ----------
     Wilson et al., eqs. (1)–(16) and (22).
     """
+    if floor is not None and bearing_rms_mm is not None:
+        raise UsageError(
+            "a gold standard shows the instrument's floor; another floor cannot be taken off it",
+            next_step="leave out one of the two",
+        )
     session.require("shaft")
     _refuse_other_hints(session, hints or {})
     calibration = rig or calibrate(session, method=method, distortion=distortion, progress=progress)
@@ -127,9 +148,21 @@ def measure(
         settings_hashes(session) | known | dict(seen.inputs),
         doubts=seen.doubts,
         centerline=centerline,
+        floor=floor,
+        bearing_rms_mm=bearing_rms_mm,
         progress=progress,
     )
-    options = Options(method, distortion, centerline, hints or {}, rig_given=rig is not None)
+    if draws:
+        measurement = with_monte_carlo(measurement, draws, progress=progress)
+    options = Options(
+        method,
+        distortion,
+        centerline,
+        hints or {},
+        rig_given=rig is not None,
+        draws=draws,
+        bearing_rms_mm=bearing_rms_mm,
+    )
     return replace(measurement, provenance=provenance_now(options, command="pivometer.measure"))
 
 
@@ -200,6 +233,8 @@ def measure_edges(
     *,
     doubts: Sequence[Finding] = (),
     centerline: Route = "paper",
+    floor: InstrumentFloor | None = None,
+    bearing_rms_mm: float | None = None,
     progress: Progress | None = None,
 ) -> Measurement:
     """Measure the RCM from edges that are fitted already.
@@ -216,7 +251,7 @@ def measure_edges(
         SHA-256 of the files behind them.
     doubts
         What was found while looking for the shaft.
-    centerline
+    centerline, floor, bearing_rms_mm
         As in `measure`.
     progress
         Called as ``progress(stage, done, total)``.
@@ -228,11 +263,17 @@ def measure_edges(
     """
     poses = _poses(session, calibration.rig, seen)
     poses, shaft = checked_poses(poses, calibration, centerline)
-    measurement = _measurement(session, calibration, poses, inputs)
+    measurement = replace(_measurement(session, calibration, poses, inputs), floor=floor)
     measurement = with_shaft(measurement, shaft, centerline)
+    errors = line_errors(measurement)
+    measurement = with_all_points(measurement, errors)
+    measurement = with_own_error(measurement, errors)
     measurement = replace(measurement, findings=(*measurement.findings, *doubts))
     measurement = with_board_frame(measurement, session, progress)
-    measurement = with_structure(measurement, session)
+    measurement = with_structure(measurement, session, errors)
+    measurement = with_budget(measurement, errors)
+    if bearing_rms_mm is not None:
+        measurement = with_gold_standard(measurement, errors, bearing_rms_mm)
     return with_checks(measurement, session, progress)
 
 
@@ -364,7 +405,7 @@ def _measurement(
         rcm = replace(rcm, least_squares=best)
     findings += sequence_findings(len(lines), uncertainty.independent_poses)
     rows = iter(zip(lines, rcm.minimax.distances_mm, rcm.least_squares.distances_mm, strict=True))
-    measurement = Measurement(
+    return Measurement(
         rcm=rcm,
         uncertainty=uncertainty,
         poses=tuple(
@@ -383,7 +424,6 @@ def _measurement(
         inputs=inputs,
         software=SOFTWARE,
     )
-    return with_own_error(with_all_points(measurement))
 
 
 def _well_seen(rig: Rig, point_mm: Floats, directions: Floats) -> NDArray[np.bool_]:

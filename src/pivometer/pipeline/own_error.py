@@ -4,20 +4,25 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from pivometer.errors import DataError
 from pivometer.measurement import ImportedRig, Measurement
-from pivometer.pipeline.displacements import displacements_mm
+from pivometer.pipeline.line_errors import line_errors, line_points
 from pivometer.rcm import Finding
-from pivometer.uncertainty import IntrinsicError, intrinsic_error
+from pivometer.uncertainty import IntrinsicError, LineErrors, intrinsic_error
 
 
-def own_error(measurement: Measurement) -> IntrinsicError:
+def own_error(measurement: Measurement, errors: LineErrors | None = None) -> IntrinsicError:
     """Return the robot's own error of a measurement, as measured now or read from a file.
 
     The instrument's part comes from the fitted edges of each pose, each independent of the others,
-    and from the calibration, which all poses share.
+    and from the calibration, which all poses share; and from a gold standard, if there is one.
+
+    Parameters
+    ----------
+    measurement
+        What was measured.
+    errors
+        What the instrument does to its lines, where that is known already.
 
     Raises
     ------
@@ -26,23 +31,24 @@ def own_error(measurement: Measurement) -> IntrinsicError:
     DataError
         If the rig was imported: then the calibration's part is unknown.
     """
-    used, common = measurement.used, displacements_mm(measurement)
-    if common is None:
+    if isinstance(measurement.calibration, ImportedRig):
         raise DataError(
             "the rig was imported without its uncertainty, so the instrument's part of the misses "
             "is unknown",
             next_step="calibrate with board images of this session, or give a guard band",
         )
-    point = measurement.rcm.least_squares.point_mm
+    errors = errors or line_errors(measurement)
+    stated = errors.stated()
     return intrinsic_error(
-        np.stack([pose.centerline.point_mm for pose in used]),
-        np.stack([pose.centerline.direction for pose in used]),
-        np.stack([pose.centerline.position_covariance_mm2(point) for pose in used]),
-        common_mm=common,
+        line_points(measurement),
+        errors.directions,
+        stated.alone_mm2,
+        common_mm=stated.common_mm,
+        possible=errors.possible(),
     )
 
 
-def with_own_error(measurement: Measurement) -> Measurement:
+def with_own_error(measurement: Measurement, errors: LineErrors | None = None) -> Measurement:
     """Return a measurement that states the robot's own error, if its lines have an uncertainty.
 
     With an imported rig it is not stated: what the instrument adds is unknown.
@@ -51,7 +57,7 @@ def with_own_error(measurement: Measurement) -> Measurement:
         pose.centerline.covariance.any() for pose in measurement.used
     ):
         return measurement
-    intrinsic = own_error(measurement)
+    intrinsic = own_error(measurement, errors)
     findings = measurement.findings
     if intrinsic.noise_overstated:
         findings += (

@@ -4,24 +4,23 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from pivometer.io.joints import FILE_NAME, PoseTable
 from pivometer.io.session import Session
-from pivometer.measurement import Measurement
-from pivometer.pipeline.displacements import displacements_mm
+from pivometer.measurement import ImportedRig, Measurement
+from pivometer.pipeline.line_errors import line_points
 from pivometer.rcm import Finding
 from pivometer.rcm.structure import ErrorStructure, Pattern, error_structure
+from pivometer.uncertainty import LineErrors
 
 
-def with_structure(measurement: Measurement, session: Session) -> Measurement:
+def with_structure(measurement: Measurement, session: Session, errors: LineErrors) -> Measurement:
     """Return a measurement that states the structure of its misses.
 
     A drift or a jump in the course of the session is a warning: then the robot, a camera or the
     reference moved, and one point does not describe what was measured.
     """
     table = session.pose_table
-    structure = structure_of(measurement, table)
+    structure = structure_of(measurement, errors, table)
     inputs = {**measurement.inputs} | ({FILE_NAME: table.sha256} if table is not None else {})
     findings = [_moved(pattern) for pattern in structure.found if pattern.kind == "order"]
     return replace(
@@ -32,25 +31,29 @@ def with_structure(measurement: Measurement, session: Session) -> Measurement:
     )
 
 
-def structure_of(measurement: Measurement, table: PoseTable | None = None) -> ErrorStructure:
+def structure_of(
+    measurement: Measurement, errors: LineErrors, table: PoseTable | None = None
+) -> ErrorStructure:
     """Return the structure of the misses of a measurement.
 
     Parameters
     ----------
     measurement
         What was measured.
+    errors
+        What the instrument does to its lines.
     table
         What is known of the poses besides their images.
     """
-    used, point = measurement.used, measurement.rcm.least_squares.point_mm
-    names = [pose.pose for pose in used]
+    names = [pose.pose for pose in measurement.used]
+    imported = isinstance(measurement.calibration, ImportedRig)
     rows = None if table is None else table.rows_of(names)
     structure = error_structure(
-        np.stack([pose.centerline.point_mm for pose in used]),
-        np.stack([pose.centerline.direction for pose in used]),
+        line_points(measurement),
+        errors.directions,
         poses=names,
-        covariances_mm2=np.stack([pose.centerline.position_covariance_mm2(point) for pose in used]),
-        common_mm=displacements_mm(measurement),
+        covariances_mm2=errors.stated().alone_mm2,
+        common_mm=None if imported else errors.common_mm,
         times_s=None if rows is None else rows.times_s,
         approach=() if rows is None else rows.approach,
         joints={} if rows is None else rows.joints,

@@ -217,7 +217,7 @@ def _measured_again(
 ) -> Measurement:
     asked = {field.name: getattr(options, field.name) for field in fields(options)}
     given = (rig or measurement.calibration) if asked.pop("rig_given") else None
-    again = measure(load(folder), rig=given, progress=progress, **asked)
+    again = measure(load(folder), rig=given, floor=measurement.floor, progress=progress, **asked)
     decided = measurement.decision
     if decided is None:
         return again

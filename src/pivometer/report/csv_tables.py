@@ -13,6 +13,7 @@ from pivometer.report.points import all_points_table
 from pivometer.report.shaft_tables import shaft_table
 from pivometer.report.structure_tables import component_table, pattern_table
 from pivometer.report.tables import Table
+from pivometer.report.uncertainty_tables import budget_table, floor_table, monte_carlo_table
 
 
 def csv_files(measurement: Measurement) -> dict[str, str]:
@@ -27,6 +28,9 @@ def csv_files(measurement: Measurement) -> dict[str, str]:
         "points": all_points_table(measurement),
         "paper-table-1": tables.paper_table(measurement),
         "shaft": shaft_table(measurement),
+        "budget": budget_table(measurement),
+        "floor": floor_table(measurement),
+        "monte-carlo": monte_carlo_table(measurement),
         "components": None if structure is None else component_table(structure),
         "patterns": pattern_table(structure) if structure and structure.patterns else None,
         "cameras": setup_tables.camera_table(measurement),

@@ -30,6 +30,12 @@ from pivometer.report.structure_tables import (
 from pivometer.report.tables import Table
 from pivometer.report.target import deciding_poses, mean_shaft_view, target_plot
 from pivometer.report.thumbnails import Thumbnail
+from pivometer.report.uncertainty_tables import (
+    budget_sentences,
+    budget_table,
+    floor_table,
+    monte_carlo_table,
+)
 from pivometer.report.verdict import verdict
 from pivometer.shaft.across import EdgeProfiles
 
@@ -139,6 +145,10 @@ def _tables(measurement: Measurement) -> dict[str, object]:
         "misses": tables.miss_table(measurement),
         "own": tables.own_error_table(measurement),
         "shaft": shaft_table(measurement),
+        "budget": budget_table(measurement),
+        "budget_sentences": budget_sentences(measurement),
+        "monte_carlo": monte_carlo_table(measurement),
+        "floor": floor_table(measurement),
         "all_points": all_points_table(measurement),
         "paper": tables.paper_table(measurement),
         "poses": tables.pose_table(measurement, numbers),

@@ -25,6 +25,12 @@ from pivometer.report.svg_style import standalone
 from pivometer.report.tables import Table
 from pivometer.report.target import deciding_poses, target_plot
 from pivometer.report.thumbnails import Thumbnail
+from pivometer.report.uncertainty_tables import (
+    budget_sentences,
+    budget_table,
+    floor_table,
+    monte_carlo_table,
+)
 from pivometer.report.verdict import verdict
 from pivometer.shaft.across import EdgeProfiles
 
@@ -69,6 +75,7 @@ class Paper:
             "Pose by pose": self._gallery,
             "Rejected poses": self._rejected,
             "Calibration": self._calibration,
+            "Uncertainty budget": self._budget,
             "Set-up": self._setup,
             "Provenance": self._provenance,
             "Signatures": self._signatures,
@@ -195,6 +202,17 @@ class Paper:
             yield _table(views, "texts")
         if calibration.notes:
             yield {"block": "list", "items": [*calibration.notes]}
+
+    def _budget(self) -> Iterator[Block]:
+        m = self.measurement
+        budget, floor, drawn = budget_table(m), floor_table(m), monte_carlo_table(m)
+        if budget is not None:
+            yield _table(budget)
+            yield {"block": "list", "items": budget_sentences(m)}
+        if floor is not None:
+            yield _table(floor, "texts")
+        if drawn is not None:
+            yield _table(drawn)
 
     def _setup(self) -> Iterator[Block]:
         yield _table(setup_tables.setup_table(self.measurement), "texts")

@@ -9,6 +9,7 @@ from pivometer.uncertainty.coverage import (
 )
 from pivometer.uncertainty.decision import Decision, guarded_decision, variance_ratio_limit
 from pivometer.uncertainty.intrinsic import IntrinsicError, intrinsic_error
+from pivometer.uncertainty.line_errors import LineErrors, Noise
 from pivometer.uncertainty.propagation import (
     LinesUncertainty,
     LocationUncertainty,
@@ -21,8 +22,10 @@ from pivometer.uncertainty.propagation import (
 __all__ = [
     "Decision",
     "IntrinsicError",
+    "LineErrors",
     "LinesUncertainty",
     "LocationUncertainty",
+    "Noise",
     "calibration_displacements",
     "confidence_radius",
     "coverage_factor",

@@ -11,14 +11,9 @@ from numpy.typing import ArrayLike
 from pivometer._arrays import Floats, checked, read_only
 from pivometer.cameras import Rig
 from pivometer.errors import ShapeError
+from pivometer.uncertainty.carried_edges import EdgePoints, rcm_of_points, thinned_points
 from pivometer.uncertainty.coverage import COVERAGE, confidence_radius, coverage_factor, mahalanobis
-from pivometer.uncertainty.propagation import (
-    EdgePoints,
-    jacobian_by_differences,
-    rcm_of_points,
-    square_root,
-    thinned_points,
-)
+from pivometer.uncertainty.propagation import jacobian_by_differences, square_root
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,7 @@ to 0.01–0.03 mm in the board's. So the rig's parameters are moved together, an
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,18 +20,24 @@ from pivometer.calibration.frame import FixedBoard, board_pose
 from pivometer.cameras.rig import Rig
 from pivometer.errors import ShapeError
 from pivometer.geometry.rigid import RigidTransform, cross_matrix
+from pivometer.uncertainty.carried_edges import (
+    EdgePoints,
+    lines_of,
+    rcm_of_points,
+    thinned_points,
+)
 from pivometer.uncertainty.coverage import (
     COVERAGE,
     coverage_factor,
     fewest_degrees_of_freedom,
 )
 from pivometer.uncertainty.propagation import (
-    EdgePoints,
+    common_location,
     jacobian_by_differences,
-    rcm_of_points,
     square_root,
-    thinned_points,
 )
+from pivometer.uncertainty.sequence import scatter
+from pivometer.uncertainty.shading import displacements_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +54,7 @@ class BoardFrameUncertainty:
     board_mm2
         Covariance from the corners of the reference board, shape (3, 3), mm².
     total_mm2
-        Their sum, shape (3, 3), mm².
+        The sum of these and of `shading_mm2`, shape (3, 3), mm².
     degrees_of_freedom
         Effective degrees of freedom of the total: the least of the three axes.
     coverage
@@ -57,6 +63,9 @@ class BoardFrameUncertainty:
         k of that coverage, from Student's t distribution.
     expanded_mm
         Expanded uncertainty U = k u along the board's x, y and z, shape (3,), mm.
+    shading_mm2
+        Covariance from light that comes from one side, shape (3, 3), mm²; zero in files of versions
+        that did not count it.
     """
 
     lines_mm2: Floats
@@ -67,9 +76,10 @@ class BoardFrameUncertainty:
     coverage: float
     coverage_factor: float
     expanded_mm: Floats
+    shading_mm2: Floats = field(default_factory=lambda: np.zeros((3, 3)))
 
     def __post_init__(self) -> None:
-        for name in ("lines_mm2", "calibration_mm2", "board_mm2", "total_mm2"):
+        for name in ("lines_mm2", "calibration_mm2", "board_mm2", "total_mm2", "shading_mm2"):
             values = read_only(checked(getattr(self, name), (3, 3), name))
             object.__setattr__(self, name, values)
         values = read_only(checked(self.expanded_mm, (3,), "expanded_mm"))
@@ -135,13 +145,17 @@ def board_frame_uncertainty(
     turned = pose.rotation.T
     arm = rcm.point_mm - pose.translation_mm
     lever = turned @ np.concatenate([cross_matrix(arm), -np.eye(3)], axis=1)
+    lines = lines_of(points, rig)
+    told = scatter(rcm, *lines)
+    shading = turned @ common_location(lines[1], displacements_of(points, rig, rcm.point_mm))
     uncertainty = _combined(
         (
-            turned @ rcm.covariance_mm2 @ turned.T,
+            turned @ told.covariance_mm2 @ turned.T,
             shared[:3, :3],
             lever @ fixed.covariance @ lever.T,
+            shading @ shading.T,
         ),
-        own=(2 * len(edges) - 3, _freedom(fixed)),
+        own=(told.degrees_of_freedom, _freedom(fixed)),
         coverage=coverage,
     )
     return uncertainty, fixed.covariance + shared[3:, 3:]
@@ -152,11 +166,13 @@ def _freedom(fixed: FixedBoard) -> int:
 
 
 def _combined(
-    parts: tuple[Floats, Floats, Floats], *, own: tuple[int, int], coverage: float
+    parts: tuple[Floats, Floats, Floats, Floats], *, own: tuple[float, int], coverage: float
 ) -> BoardFrameUncertainty:
-    lines, calibration, corners = ((part + part.T) / 2 for part in parts)
-    total = lines + calibration + corners
-    degrees = fewest_degrees_of_freedom([lines, calibration, corners], [own[0], np.inf, own[1]])
+    lines, calibration, corners, shading = ((part + part.T) / 2 for part in parts)
+    total = lines + calibration + corners + shading
+    degrees = fewest_degrees_of_freedom(
+        [lines, calibration + shading, corners], [own[0], np.inf, own[1]]
+    )
     factor = coverage_factor(degrees, coverage=coverage)
     return BoardFrameUncertainty(
         lines_mm2=lines,
@@ -167,6 +183,7 @@ def _combined(
         coverage=coverage,
         coverage_factor=factor,
         expanded_mm=factor * np.sqrt(total.diagonal()),
+        shading_mm2=shading,
     )
 
 

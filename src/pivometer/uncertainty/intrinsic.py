@@ -7,6 +7,7 @@ that says how far.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,9 @@ from pivometer._arrays import Floats, checked, read_only
 from pivometer.errors import ShapeError
 from pivometer.rcm.lines import CentredLines, centred_lines
 from pivometer.rcm.minimax import content, solve_minimax
+from pivometer.rcm.result import MinimaxRcm
 from pivometer.uncertainty.coverage import COVERAGE, coverage_factor
+from pivometer.uncertainty.line_errors import Noise
 
 CONFIDENCE = 0.95
 """Confidence with which `IntrinsicError.content` is stated."""
@@ -36,11 +39,12 @@ class IntrinsicError:
         Estimate of the robot's own rms miss over these poses, at its own least-squares point, mm;
         zero where the instrument's noise explains all that was seen.
     rms_interval_mm
-        Interval that holds it with probability `coverage`, shape (2,), mm. Both ends are zero where
-        the misses are smaller than the stated noise makes plausible: the noise is then overstated.
+        Interval that holds it with probability `coverage`, shape (2,), mm, whether or not the
+        noise that is only possible is there. Both ends are zero where the misses are smaller than
+        the stated noise makes plausible: the noise is then overstated.
     max_interval_mm
         Interval that holds the robot's own largest miss over these poses, at its own minimax
-        point, with at least that probability, shape (2,), mm.
+        point, with at least that probability, shape (2,), mm, on the same terms.
     instrument_rms_mm
         Rms miss that the instrument alone would show with a perfect robot, mm.
     coverage
@@ -50,6 +54,10 @@ class IntrinsicError:
         at least. It needs no distribution, but poses drawn at random, not on a grid.
     confidence
         Confidence of that statement.
+    max_u_mm
+        Standard uncertainty of the observed largest miss, mm, to first order: what the poses that
+        decide it are uncertain by, with the noise that is only possible; `None` in files of
+        versions that did not state it.
     """
 
     rms_mm: float
@@ -59,6 +67,7 @@ class IntrinsicError:
     coverage: float
     content: float
     confidence: float
+    max_u_mm: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("rms_interval_mm", "max_interval_mm"):
@@ -76,6 +85,7 @@ def intrinsic_error(
     covariances_mm2: ArrayLike,
     *,
     common_mm: ArrayLike | None = None,
+    possible: Sequence[Noise] = (),
     coverage: float = COVERAGE,
 ) -> IntrinsicError:
     """Return the robot's own RCM error with intervals.
@@ -98,6 +108,9 @@ def intrinsic_error(
     common_mm
         Displacements of each line near the RCM by one standard uncertainty of each of r independent
         sources that all lines share, such as the calibration, shape (n, 3, r), mm.
+    possible
+        Noise as it may be instead, where a part of it rests on a judgement: the intervals hold
+        with each, the estimate rests on the first two arguments.
     coverage
         Coverage probability of the intervals.
 
@@ -122,32 +135,58 @@ def intrinsic_error(
     """
     lines = centred_lines(points_mm, directions)
     count = len(lines.axes)
-    alone, common = _turned(lines, covariances_mm2, common_mm)
-    trace, trace_of_square = _traces(lines, alone, common)
+    stated = _turned(lines, covariances_mm2, common_mm)
+    trace = _traces(lines, stated)[0]
     if not trace > 0:
         raise ShapeError(
             "no line has an uncertainty, so the instrument's part is not known",
             next_step="pass the covariance of every line",
         )
+    noises = [stated, *(_turned(lines, one.alone_mm2, one.common_mm) for one in possible)]
     squares = float(lines.radii() @ lines.radii())
-    g, freedom = trace_of_square / trace, trace**2 / trace_of_square
-    tail = (1 - coverage) / 2
-    ends = [_noncentrality(squares / g, freedom, p) * g / count for p in (1 - tail, tail)]
+    rms = np.array([_rms_interval(lines, noise, squares, coverage) for noise in noises])
+    found = solve_minimax(lines)
+    deviations = np.array([_max_u(lines, found, noise) for noise in noises])
+    below = max(_largest_displacement(noise, (1 - coverage) / 2) for noise in noises)
+    above = coverage_factor(np.inf, coverage=coverage) * deviations.max()
     return IntrinsicError(
         rms_mm=float(np.sqrt(max(squares - trace, 0.0) / count)),
-        rms_interval_mm=np.sqrt(ends),
-        max_interval_mm=_max_interval(lines, alone, common, coverage),
+        rms_interval_mm=np.array([rms[:, 0].min(), rms[:, 1].max()]),
+        max_interval_mm=np.array([max(found.max_mm - below, 0.0), found.max_mm + above]),
         instrument_rms_mm=float(np.sqrt(trace / count)),
         coverage=coverage,
         content=content(count, confidence=CONFIDENCE),
         confidence=CONFIDENCE,
+        max_u_mm=float(deviations.max()),
     )
 
 
-def _turned(
-    lines: CentredLines, covariances_mm2: ArrayLike, common_mm: ArrayLike | None
-) -> tuple[Floats, Floats]:
-    """Return PᵢSᵢPᵢ, (n, 3, 3), and the common sources without their common shift, (n, 3, r)."""
+def max_u(points_mm: ArrayLike, directions: ArrayLike, noise: Noise) -> float:
+    """Return the standard uncertainty of the largest miss from one noise, to first order, mm.
+
+    Parameters
+    ----------
+    points_mm, directions, noise
+        As in `intrinsic_error`.
+    """
+    lines = centred_lines(points_mm, directions)
+    return _max_u(lines, solve_minimax(lines), _turned(lines, noise.alone_mm2, noise.common_mm))
+
+
+def noise_squares(points_mm: ArrayLike, directions: ArrayLike, noise: Noise) -> float:
+    """Return the sum of squared misses that noise alone shows on average, tr(RS), mm².
+
+    Parameters
+    ----------
+    points_mm, directions, noise
+        As in `intrinsic_error`.
+    """
+    lines = centred_lines(points_mm, directions)
+    return _traces(lines, _turned(lines, noise.alone_mm2, noise.common_mm))[0]
+
+
+def _turned(lines: CentredLines, covariances_mm2: ArrayLike, common_mm: ArrayLike | None) -> Noise:
+    """Return PᵢSᵢPᵢ and the common sources without their common shift, in the lines' axes."""
     count = len(lines.axes)
     alone = checked(covariances_mm2, (count, 3, 3), "covariances_mm2")
     shared = np.zeros((count, 3, 0)) if common_mm is None else common_mm
@@ -156,15 +195,15 @@ def _turned(
     across = projectors @ lines.turn.T
     moved = across @ common
     shift = moved.sum(axis=0) / lines.information[:, None]
-    return across @ alone @ np.swapaxes(across, 1, 2), moved - projectors @ shift
+    return Noise(across @ alone @ np.swapaxes(across, 1, 2), moved - projectors @ shift)
 
 
-def _traces(lines: CentredLines, alone: Floats, common: Floats) -> tuple[float, float]:
+def _traces(lines: CentredLines, noise: Noise) -> tuple[float, float]:
     """Return tr(RS) and tr((RS)²), in time and memory proportional to the number of lines.
 
     RS is D + U Vᵀ with D block-diagonal and U, V of few columns.
     """
-    inverse = 1 / lines.information
+    alone, common, inverse = noise.alone_mm2, noise.common_mm, 1 / lines.information
     trace = np.trace(alone, axis1=1, axis2=2).sum() + np.square(common).sum()
     trace -= inverse @ alone.sum(axis=0).diagonal()
     left = np.concatenate([common, -lines.projectors() * inverse], axis=2)
@@ -188,34 +227,43 @@ def _noncentrality(value: float, freedom: float, probability: float) -> float:
     return float(chndtrinc(value, freedom, probability))
 
 
-def _max_interval(lines: CentredLines, alone: Floats, common: Floats, coverage: float) -> Floats:
-    """Return bounds of the noiseless minimax radius, mm."""
-    found = solve_minimax(lines)
-    tail = (1 - coverage) / 2
+def _rms_interval(
+    lines: CentredLines, noise: Noise, squares: float, coverage: float
+) -> tuple[float, float]:
+    """Return the ends of the interval of the robot's own rms miss, mm."""
+    trace, trace_of_square = _traces(lines, noise)
+    g, freedom = trace_of_square / trace, trace**2 / trace_of_square
+    low, high = (
+        np.sqrt(_noncentrality(squares / g, freedom, p) * g / len(lines.axes))
+        for p in ((1 + coverage) / 2, (1 - coverage) / 2)
+    )
+    return float(low), float(high)
+
+
+def _max_u(lines: CentredLines, found: MinimaxRcm, noise: Noise) -> float:
+    """Return the standard uncertainty of the minimax radius, mm, by its tangent."""
+    if found.max_mm == 0:
+        return 0.0
     active = list(found.active)
-    gradient = np.zeros((len(active), 3))
-    if found.max_mm > 0:
-        point = lines.turn.T @ (found.point_mm - lines.centre)
-        misses = lines.offsets[active] - lines.projectors()[active] @ point
-        gradient = found.weights[:, None] * misses / found.max_mm
-    own = np.einsum("ni,nij,nj->", gradient, alone[active], gradient)
-    shared = np.einsum("ni,nir->r", gradient, common[active])
-    above = coverage_factor(np.inf, coverage=coverage) * np.sqrt(own + shared @ shared)
-    whole = alone + common @ np.swapaxes(common, 1, 2)
-    variances: Floats = np.linalg.eigvalsh(whole)[:, 2].astype(np.float64)
-    below = _largest_displacement(variances, tail)
-    return np.array([max(found.max_mm - below, 0.0), found.max_mm + above])
+    point = lines.turn.T @ (found.point_mm - lines.centre)
+    misses = lines.offsets[active] - lines.projectors()[active] @ point
+    gradient = found.weights[:, None] * misses / found.max_mm
+    own = np.einsum("ni,nij,nj->", gradient, noise.alone_mm2[active], gradient)
+    shared = np.einsum("ni,nir->r", gradient, noise.common_mm[active])
+    return float(np.sqrt(own + shared @ shared))
 
 
-def _largest_displacement(variances_mm2: Floats, probability: float) -> float:
+def _largest_displacement(noise: Noise, probability: float) -> float:
     """Return what no line is displaced by more than, except with the given probability, mm.
 
     A displacement across a line has two components, so P(‖δᵢ‖ > c) ≤ exp(−c²/2λᵢ) with λᵢ the
     larger variance; the probabilities of all lines are added.
     """
-    largest = float(variances_mm2.max())
-    low, high = 0.0, float(np.sqrt(2 * largest * np.log(len(variances_mm2) / probability)))
-    relative = np.maximum(variances_mm2 / largest, np.finfo(float).tiny)
+    whole = noise.alone_mm2 + noise.common_mm @ np.swapaxes(noise.common_mm, 1, 2)
+    variances = np.linalg.eigvalsh(whole)[:, 2]
+    largest = float(variances.max())
+    low, high = 0.0, float(np.sqrt(2 * largest * np.log(len(variances) / probability)))
+    relative = np.maximum(variances / largest, np.finfo(float).tiny)
     for _ in range(60):
         middle = (low + high) / 2
         exceeded = np.exp(-(middle**2) / (2 * largest * relative)).sum()

@@ -6,30 +6,30 @@ times as much.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pivometer._arrays import Floats, checked, read_only
 from pivometer.cameras.rig import Rig
 from pivometer.errors import ShapeError
 from pivometer.rcm.least_squares import least_squares_rcm
-from pivometer.rcm.result import LeastSquaresRcm
-from pivometer.shaft.edges import edge_normals
-from pivometer.shaft.triangulation import lines_from_edge_normals
+from pivometer.uncertainty.carried_edges import (
+    EdgePoints,
+    SeenAlike,
+    feet_of,
+    lines_of,
+    rcm_of_points,
+    thinned_points,
+)
 from pivometer.uncertainty.coverage import (
     COVERAGE,
     coverage_factor,
     fewest_degrees_of_freedom,
 )
 from pivometer.uncertainty.sequence import Scatter, scatter
-
-POINTS_AN_EDGE = 16
-"""Points by which each edge is carried through a changed camera. Distortion bends a line to second
-and third order, so a few points say all; 16 and 400 agree to 1e-4 of the uncertainty."""
-
+from pivometer.uncertainty.shading import displacements_of
 
 LEAST_CORRELATION = 1e-9
 """Eigenvalues of a correlation matrix below this are rounding, 3e-5 of a standard uncertainty."""
@@ -48,7 +48,7 @@ class LocationUncertainty:
         Covariance from the calibration, J Σ Jᵀ, shape (3, 3), mm²: common to all poses, so more
         poses do not lessen it.
     total_mm2
-        Their sum, shape (3, 3), mm².
+        The sum of these and of `shading_mm2`, shape (3, 3), mm².
     degrees_of_freedom
         Effective degrees of freedom of the total: the least of the three axes.
     coverage
@@ -63,6 +63,9 @@ class LocationUncertainty:
     independent_poses
         How many independent poses tell as much as those measured: all of them, unless successive
         ones miss alike; `None` in files of versions that did not ask.
+    shading_mm2
+        Covariance from light that comes from one side, common to all poses, shape (3, 3), mm²; zero
+        in files of versions that did not count it.
     """
 
     lines_mm2: Floats
@@ -75,11 +78,13 @@ class LocationUncertainty:
     max_calibration_u_mm: float
     rms_calibration_u_mm: float
     independent_poses: float | None = None
+    shading_mm2: Floats = field(default_factory=lambda: np.zeros((3, 3)))
 
     def __post_init__(self) -> None:
         for name, shape in (
             ("lines_mm2", (3, 3)),
             ("calibration_mm2", (3, 3)),
+            ("shading_mm2", (3, 3)),
             ("total_mm2", (3, 3)),
             ("expanded_mm", (3,)),
         ):
@@ -144,15 +149,6 @@ def lines_uncertainty(scatter: Scatter, *, coverage: float = COVERAGE) -> LinesU
     )
 
 
-class EdgePoints(Protocol):
-    """What is needed of `ShaftEdges`: the camera's name and points on both edges, raw px."""
-
-    @property
-    def camera(self) -> str: ...  # noqa: D102 - documented by the class
-    @property
-    def points_px(self) -> Floats: ...  # noqa: D102 - documented by the class
-
-
 def location_uncertainty(
     edges: Sequence[Sequence[EdgePoints]],
     rig: Rig,
@@ -160,7 +156,7 @@ def location_uncertainty(
     *,
     coverage: float = COVERAGE,
 ) -> LocationUncertainty:
-    """Return the covariance of the least-squares RCM point: lines plus calibration.
+    """Return the covariance of the least-squares RCM point: lines, calibration and shading.
 
     The calibration's part goes through the whole chain: with the rig's parameters moved by plus
     and minus one standard deviation along each independent direction of their covariance, the same
@@ -192,15 +188,37 @@ def location_uncertainty(
     size = len(rig.parameter_names)
     covariance = checked(rig_covariance, (size, size), "rig_covariance")
     points = thinned_points(edges, [camera.name for camera in rig.cameras])
-    lines = _lines_of(points, rig)
-    told = scatter(least_squares_rcm(*lines), *lines)
+    lines = lines_of(points, rig)
+    rcm = least_squares_rcm(*lines)
+    told = scatter(rcm, *lines)
     root = square_root(covariance)
     jacobian = jacobian_by_differences(
         lambda independent: _location_max_rms(points, rig.perturbed(root @ independent)),
         np.zeros(root.shape[1]),
         np.ones(root.shape[1]),
     )
-    return _combined(told, jacobian @ jacobian.T, coverage)
+    moved = displacements_of(points, rig, rcm.point_mm)
+    shading = common_location(lines[1], moved)
+    return _combined(told, jacobian @ jacobian.T, shading @ shading.T, coverage)
+
+
+def common_location(directions: Floats, displacements_mm: Floats) -> Floats:
+    """Return what displacements of all lines do to the least-squares point, N⁻¹ Σ Pᵢ Dᵢ.
+
+    Parameters
+    ----------
+    directions
+        Of the lines, unit length, shape (n, 3).
+    displacements_mm
+        By one standard uncertainty of each of r sources, shape (n, 3, r), mm.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (3, r), mm.
+    """
+    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    return np.asarray(np.linalg.solve(across.sum(axis=0), (across @ displacements_mm).sum(axis=0)))
 
 
 def calibration_displacements(
@@ -228,9 +246,7 @@ def calibration_displacements(
     at = checked(point_mm, (3,), "point_mm")
 
     def feet(independent: Floats) -> Floats:
-        origins, axes = _lines_of(points, rig.perturbed(root @ independent))
-        offsets = origins - at
-        return np.ravel(offsets - np.vecdot(offsets, axes)[:, None] * axes)
+        return feet_of(*lines_of(points, rig.perturbed(root @ independent)), at).ravel()
 
     jacobian = jacobian_by_differences(feet, np.zeros(root.shape[1]), np.ones(root.shape[1]))
     return jacobian.reshape(len(edges), 3, root.shape[1])
@@ -270,11 +286,15 @@ def jacobian_by_differences(
     return jacobian
 
 
-def _combined(told: Scatter, calibration: Floats, coverage: float) -> LocationUncertainty:
+def _combined(
+    told: Scatter, calibration: Floats, shading: Floats, coverage: float
+) -> LocationUncertainty:
     """Add the parts; `calibration` is the covariance of (x, y, z, max, rms), shape (5, 5)."""
     lines, location = told.covariance_mm2, (calibration[:3, :3] + calibration[:3, :3].T) / 2
-    total = lines + location
-    degrees = fewest_degrees_of_freedom([lines, location], [told.degrees_of_freedom, np.inf])
+    total = lines + location + shading
+    degrees = fewest_degrees_of_freedom(
+        [lines, location + shading], [told.degrees_of_freedom, np.inf]
+    )
     factor = coverage_factor(degrees, coverage=coverage)
     return LocationUncertainty(
         lines_mm2=lines,
@@ -287,81 +307,8 @@ def _combined(told: Scatter, calibration: Floats, coverage: float) -> LocationUn
         max_calibration_u_mm=float(np.sqrt(calibration[3, 3])),
         rms_calibration_u_mm=float(np.sqrt(calibration[4, 4])),
         independent_poses=told.independent_poses,
+        shading_mm2=shading,
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SeenAlike:
-    """The poses that the same cameras saw.
-
-    Parameters
-    ----------
-    poses
-        Their positions among all poses, shape (n,).
-    cameras
-        Positions of the cameras in the rig.
-    points_px
-        For each of these cameras evenly chosen points of the poses' edges, shape (n, 2, 16, 2), px.
-    """
-
-    poses: NDArray[np.int64]
-    cameras: tuple[int, ...]
-    points_px: tuple[Floats, ...]
-
-
-def thinned_points(
-    edges: Sequence[Sequence[EdgePoints]], cameras: Sequence[str]
-) -> tuple[SeenAlike, ...]:
-    """Group the poses by the cameras that saw them, and keep a few points of every edge."""
-    groups: dict[tuple[int, ...], list[int]] = {}
-    for number, pose in enumerate(edges):
-        seen = [one.camera for one in pose]
-        known = [name for name in cameras if name in seen]
-        if seen != known or len(seen) < 2:
-            raise ShapeError(
-                f"pose {number} has the edges of {', '.join(seen) or 'no camera'}, but the rig's "
-                f"cameras are {', '.join(cameras)}",
-                next_step="pass each pose's edges from two of the rig's cameras or more, in the "
-                "rig's order",
-            )
-        groups.setdefault(tuple(cameras.index(name) for name in seen), []).append(number)
-    return tuple(
-        SeenAlike(
-            np.array(poses),
-            seen_by,
-            tuple(
-                np.stack([_evenly_chosen(edges[pose][place].points_px) for pose in poses])
-                for place in range(len(seen_by))
-            ),
-        )
-        for seen_by, poses in groups.items()
-    )
-
-
-def _evenly_chosen(points_px: ArrayLike) -> Floats:
-    """Return some of the points of both edges, the ends among them, shape (2, 16, 2), px."""
-    points = checked(points_px, (2, None, 2), "points_px")
-    chosen = np.linspace(0, points.shape[1] - 1, POINTS_AN_EDGE).round().astype(int)
-    return points[:, chosen]
-
-
-def _lines_of(groups: Sequence[SeenAlike], rig: Rig) -> tuple[Floats, Floats]:
-    """Return points and directions of the lines behind raw edge points: (22), (6)–(16)."""
-    points = np.empty((sum(len(group.poses) for group in groups), 3))
-    directions = np.empty_like(points)
-    for group in groups:
-        seen = zip(group.points_px, group.cameras, strict=True)
-        normals = np.stack([edge_normals(px, rig.cameras[i]) for px, i in seen], axis=1)
-        transforms = [rig.reference_from_camera[i] for i in group.cameras]
-        points[group.poses], directions[group.poses], _ = lines_from_edge_normals(
-            normals, transforms
-        )
-    return points, directions
-
-
-def rcm_of_points(points_px: Sequence[SeenAlike], rig: Rig) -> LeastSquaresRcm:
-    """Return the least-squares RCM of raw edge points seen by a rig: (22), (6)–(16), 2-norm."""
-    return least_squares_rcm(*_lines_of(points_px, rig))
 
 
 def _location_max_rms(points_px: Sequence[SeenAlike], rig: Rig) -> Floats:

@@ -18,15 +18,13 @@ from pivometer.cameras.rig import Rig
 from pivometer.errors import ShapeError
 from pivometer.shaft.cylinder_fit import CylinderFits, fit_cylinders
 from pivometer.shaft.edges import edge_normals
-from pivometer.uncertainty.propagation import EdgePoints, square_root
+from pivometer.uncertainty.carried_edges import EdgePoints
+from pivometer.uncertainty.propagation import square_root
+from pivometer.uncertainty.shading import shifted_outward
 
 POINTS_AN_EDGE = 5
 """Points by which an edge is carried through a changed lens: distortion bends a line to second and
 third order."""
-
-SHADING_PX = 0.02
-"""What shading shifts the edges of one camera by alike, all through a session, as a standard
-uncertainty: on two rendered sets whole edges were up to 0.01 and 0.02 px off (`shaft.edges`)."""
 
 
 class FittedEdges(EdgePoints, Protocol):
@@ -164,10 +162,7 @@ def _by_shading(fits: CylinderFits, normals: Floats, rig: Rig) -> Floats:
     n, c = fits.residuals.shape[:2]
     columns = np.zeros((n, c, 4, 2 * c))
     for k, camera in enumerate(rig.cameras):
-        plane = normals[:, k]
-        across = plane[..., 2:] * plane - np.array([0.0, 0.0, 1.0])
-        shift = across * np.hypot(plane[..., :1], plane[..., 1:2])
-        shift = shift * SHADING_PX / float(np.mean(camera.focal_px))
+        shift = shifted_outward(normals[:, k], camera)
         for place, sides in enumerate(([1.0, 1.0], [1.0, -1.0])):
             moved = -(shift * np.array(sides)[:, None]).reshape(n, 6, 1)
             columns[:, k, :, 2 * k + place] = (fits.whitening[:, k] @ moved)[..., 0]
