@@ -67,6 +67,10 @@ def test_one_calibration_moves_both_locations_alike(results):
     lines = 2 * one.uncertainty.lines_mm2
     np.testing.assert_allclose(pair.location.covariance_mm2, lines, atol=1e-12)
     assert not pair.location.differs
+    light = np.diag([0.01, 0.02, 0.03])  # each session has its own
+    lit = replace(one.uncertainty, shading_mm2=light, total_mm2=one.uncertainty.total_mm2 + light)
+    pair = pipeline.compare({"one": one, "lit": named(one, "lit", uncertainty=lit)}).pairs[0]
+    np.testing.assert_allclose(pair.location.covariance_mm2, lines + light, atol=1e-12)
     far = moved(named(one, "far"), [0.5, 0.0, 0.0])
     pair = pipeline.compare({"one": one, "far": far}).pairs[0]
     assert pair.location.differs

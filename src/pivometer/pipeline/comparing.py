@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pivometer._arrays import Floats
 from pivometer.calibration import Calibration
 from pivometer.errors import DegenerateGeometryError, UsageError
 from pivometer.io.atomic import write_files
@@ -24,6 +25,7 @@ from pivometer.uncertainty.comparison import (
     shared_calibration_mm2,
 )
 from pivometer.uncertainty.coverage import COVERAGE
+from pivometer.uncertainty.propagation import LocationUncertainty
 
 SCHEMA = "pivometer/comparison/1"
 
@@ -305,7 +307,7 @@ def _in_camera_frame(
     )
     found = location_difference(
         other.rcm.least_squares.point_mm - one.rcm.least_squares.point_mm,
-        one.uncertainty.lines_mm2 + other.uncertainty.lines_mm2 + shared,
+        _without_calibration(one) + _without_calibration(other) + shared,
         degrees_of_freedom=min(
             one.uncertainty.degrees_of_freedom, other.uncertainty.degrees_of_freedom
         ),
@@ -318,6 +320,13 @@ def _in_camera_frame(
         ),
     )
     return found, _location_text(found, f"the frame of camera “{one.reference_camera}”"), assumed
+
+
+def _without_calibration(m: Measurement) -> Floats:
+    """Return what of a location's covariance each session has for itself: scatter, and light."""
+    if isinstance(m.uncertainty, LocationUncertainty):
+        return m.uncertainty.total_mm2 - m.uncertainty.calibration_mm2
+    return m.uncertainty.lines_mm2
 
 
 def _location_text(found: LocationDifference, frame: str) -> str:
