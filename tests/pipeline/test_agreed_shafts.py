@@ -43,21 +43,22 @@ def edges_of(camera, camera_from_reference, tilt):
     return np.stack([corners[:2], corners[:1:-1]])
 
 
-@pytest.fixture
-def session(tmp_path: Path) -> Path:
-    (tmp_path / "session.toml").write_text(
+def written(root: Path, *, poses: int, things: int) -> Path:
+    """Draw a session of the first poses, with the shaft alone or with the rod."""
+    (root / "session.toml").write_text(
         '[board]\nkind = "checkerboard"\nsquares = [9, 7]\nsquare_mm = 15.0\n', encoding="utf-8"
     )
     for camera, place in zip(CAMERAS, RIG.reference_from_camera, strict=True):
-        folder = tmp_path / "shaft" / camera.name
+        folder = root / "shaft" / camera.name
         folder.mkdir(parents=True)
-        for pose, tilt in enumerate(TILTS):
+        for pose, tilt in enumerate(TILTS[:poses]):
             image = np.full(SIZE[::-1], 40, dtype=np.uint8)
-            for thing, grey, way in ((SHAFT, 200, tilt), (ROD, 150, -0.7 * tilt[::-1] - 0.1)):
+            ways = ((SHAFT, 200, tilt), (ROD, 150, -0.7 * tilt[::-1] - 0.1))
+            for thing, grey, way in ways[:things]:
                 corners = outline(camera, place.inverse(), thing, way)
                 cv2.fillPoly(image, [np.rint(corners * 16).astype(np.int32)], grey, cv2.LINE_AA, 4)
             cv2.imwrite(str(folder / f"{pose}.png"), image)
-    return tmp_path
+    return root
 
 
 def far_off_px(camera, place, outcome) -> float:
@@ -78,7 +79,8 @@ def away_px(points, edge) -> float:
     return float(np.abs((points - [x, y]) @ across).max())
 
 
-def test_a_thin_rod_near_the_cameras_looks_wider_but_is_not_the_shaft(session):
+def test_a_thin_rod_near_the_cameras_looks_wider_but_is_not_the_shaft(tmp_path):
+    session = written(tmp_path, poses=8, things=2)
     place = RIG.reference_from_camera
     alone = camera_shafts(load(session), CAMERAS[0], hint=None, progress=None)
     seen = see_shafts(load(session), RIG)
@@ -91,3 +93,13 @@ def test_a_thin_rod_near_the_cameras_looks_wider_but_is_not_the_shaft(session):
     # The same images by one camera alone: an answer that is another thing, or none.
     found = [edges for edges in alone.edges.values() if isinstance(edges, ShaftEdges)]
     assert not found or far_off_px(CAMERAS[0], place[0], alone.edges) > 10
+
+
+@pytest.mark.parametrize(("things", "found"), [(1, True), (2, False)])
+def test_four_poses_give_an_answer_only_where_one_thing_moves(tmp_path, things, found):
+    seen = see_shafts(load(written(tmp_path, poses=4, things=things)), RIG)
+    edges = [one for outcome in seen.edges.values() for one in outcome.values()]
+    assert all(isinstance(one, ShaftEdges) == found for one in edges)
+    assert found or all(
+        "state diameter_mm" in one.what or "either may be" in one.what for one in edges
+    )

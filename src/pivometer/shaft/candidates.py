@@ -44,6 +44,8 @@ class Candidate:
         By sample, its two edges' ends in the raw image, shape (2, 2, 2), where it is seen.
     width_px, pivot_px
         Its width at the pivot and where that is, raw px.
+    unexplained
+        Edge length of the best other thing in the usual sample, in parts of its own.
     """
 
     motion: Motion
@@ -52,6 +54,7 @@ class Candidate:
     edges_px: Mapping[int, Floats]
     width_px: float
     pivot_px: Floats
+    unexplained: float = 0.0
 
     @property
     def description(self) -> str:
@@ -91,8 +94,26 @@ def candidates(
             }
             pivot = scale.raw_pixels(one.motion.pivot_px + centre_px)
             width = one.motion.width_px * scale.factor
-            found.append(Candidate(one.motion, one.support_px, number, edges, width, pivot))
+            others = unexplained(one.motion, table)
+            found.append(Candidate(one.motion, one.support_px, number, edges, width, pivot, others))
     return tuple(found)
+
+
+def unexplained(motion: Motion, table: PairTable) -> float:
+    """Return how the best pair that is another thing compares with the motion's, usually.
+
+    Parameters
+    ----------
+    motion
+        Of what is taken for the shaft.
+    table
+        The samples' pairs of edges.
+    """
+    fits = motion.agreement(table)
+    away = np.abs(at_pivot(table, motion.pivot_px, 0.0)[0])
+    other = np.where(away > SAME_PIVOT_SPREADS * motion.spread_px, table.weight, 0.0)
+    own, rest = (values[table.best_per_frame(values)] for values in (fits, other))
+    return float(np.median(rest / np.maximum(own, 1e-9))) if len(own) else 0.0
 
 
 def told_apart(one: Candidate, others: Sequence[Candidate]) -> Motion:

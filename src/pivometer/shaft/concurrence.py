@@ -17,7 +17,7 @@ import numpy as np
 from pivometer._arrays import Floats
 from pivometer.cameras import Rig
 from pivometer.shaft.candidates import Candidate
-from pivometer.shaft.detection import ShaftFinder
+from pivometer.shaft.detection import TRUSTED_MEDIAN, ShaftFinder
 from pivometer.shaft.edges import edge_normals
 from pivometer.shaft.motion import WIDTH_POWER
 from pivometer.shaft.rivals import WIDER
@@ -48,6 +48,9 @@ RATIO_SPREAD = 0.15
 WELL = 0.4
 """Of one thing's pairs of edges the widest with this part of the best one's score is its
 silhouette. In drawn scenes: lanes of brushed metal under clutter 1 to 0.5, a collar 0.18."""
+
+MOST_UNEXPLAINED = 0.5
+"""In few poses another pair of edges half as long as the shaft's may be the shaft instead."""
 
 LEAST_DIHEDRAL_SINE = 0.05
 MISS_DIAMETERS = 0.6
@@ -115,6 +118,13 @@ class Concurrence:
     shaft: Together | None
     doubt: str | None
 
+    @property
+    def alone(self) -> bool:
+        """Whether nothing else moves that is nearly as long, in any camera."""
+        if self.shaft is None or self.doubt is not None:
+            return False
+        return max(one.unexplained for one in self.shaft.chosen) < MOST_UNEXPLAINED
+
 
 def agreed_finders(
     finders: Sequence[ShaftFinder],
@@ -130,6 +140,13 @@ def agreed_finders(
     """
     seen = [finder.candidates for finder in finders]
     found = concurrence(seen, poses, rig, diameter_mm=diameter_mm)
+    few = min(map(len, poses)) < TRUSTED_MEDIAN and diameter_mm is None
+    if few and found.shaft is not None and not found.alone:
+        found = Concurrence(
+            None,
+            f"in so few poses nothing tells the shaft from what else moves: it may be "
+            f"{found.shaft.described(rig)}; state diameter_mm, or take {TRUSTED_MEDIAN} poses",
+        )
     if found.shaft is not None:
         chosen = zip(finders, found.shaft.chosen, strict=True)
         return [finder.taking(one, found.doubt) for finder, one in chosen]
