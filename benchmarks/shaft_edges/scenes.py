@@ -77,7 +77,7 @@ class Scene:
 
 
 @lru_cache(maxsize=4)
-def _grid(size: tuple[int, int], lens: tuple[float, ...]) -> tuple[Camera, Floats, Floats]:
+def pixel_grid(size: tuple[int, int], lens: tuple[float, ...]) -> tuple[Camera, Floats, Floats]:
     """Return a camera, its pixels' undistorted positions (h, w, 2), and ∂undistorted/∂raw."""
     width, height = size
     focal = 1.1 * width
@@ -149,7 +149,7 @@ def render(
     camera_key: tuple[tuple[int, int], tuple[float, ...]], g: Geometry, look: Look
 ) -> Floats:
     """Return the noiseless image, shape (height, width)."""
-    camera, points, by_raw = _grid(*camera_key)
+    camera, points, by_raw = pixel_grid(*camera_key)
     if look.texture is not None:
         return composited(g, look.texture, look, shaft=True)
     x = g.distances(points)
@@ -225,7 +225,7 @@ def make(
     angle = rng.uniform(60, 88) if angle_deg is None else angle_deg
     angle = (angle if rng.random() < 0.5 else 180 - angle) + (90 if rng.random() < 0.3 else 0)
     g = geometry(rng, size, angle, rng.uniform(24, 60) if width_px is None else width_px, taper)
-    camera = _grid(size, lens)[0]
+    camera = pixel_grid(size, lens)[0]
     clean = render((size, lens), g, look)
     first, last = (int(part * max(size)) for part in look.hidden)
     if last > first:
@@ -256,11 +256,20 @@ def middle_of(scene: Scene, edge: int) -> Floats:
 
 
 def bound_px(scene: Scene) -> tuple[float, float]:
-    """Return the Cramér–Rao bounds (px) of an edge's offset at its middle and of the centre's.
+    """Return the Cramér–Rao bounds (px) of an edge's offset at its middle and of the centre's."""
+    covariance = bound_covariance(scene)
+    each = np.sqrt((covariance[0, 0] + covariance[2, 2]) / 2)
+    centre = np.sqrt(covariance[0, 0] + covariance[2, 2] - 2 * covariance[0, 2]) / 2
+    return float(each), float(centre)
 
-    From the clean image's derivatives by offset and angle of both edges, the outside level, the
-    inside's gain and the blur: these seven are unknown, the shape of the shading is known.
-    Quantisation counts as noise of 1/12.
+
+def bound_covariance(scene: Scene) -> Floats:
+    """Return the Cramér–Rao bound of both edges: offset (px) and angle (rad) at `middle_of` each.
+
+    Shape (4, 4): offset and angle of the first edge, then of the second. From the clean image's
+    derivatives by offset and angle of both edges, the outside level, the inside's gain and the
+    blur: these seven are unknown, the shape of the shading is known. Quantisation counts as noise
+    of 1/12.
     """
     key = (scene.camera.width, scene.camera.height), tuple(scene.camera.distortion)
     about = [middle_of(scene, edge) for edge in range(2)]
@@ -299,9 +308,7 @@ def bound_px(scene: Scene) -> tuple[float, float]:
     (seen if scene.upright else seen.T)[first:last] = False
     J = np.stack([(a - b)[seen] / (2 * h) for (a, b), h in zip(pairs, steps, strict=True)], axis=1)
     covariance = np.linalg.inv(J.T @ J) * (looks.noise**2 + 1 / 12)
-    each = np.sqrt((covariance[0, 0] + covariance[2, 2]) / 2)
-    centre = np.sqrt(covariance[0, 0] + covariance[2, 2] - 2 * covariance[0, 2]) / 2
-    return float(each), float(centre)
+    return np.asarray(covariance[:4, :4])
 
 
 def supersampled_difference(scene: Scene, samples: int = 32) -> float:
