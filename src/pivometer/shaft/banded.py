@@ -17,8 +17,8 @@ from pivometer.shaft.band_map import BandMap
 from pivometer.shaft.bands import EdgeLine, width_px
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
-from pivometer.shaft.plain import CHUNK_ROWS, Strip, strip
 from pivometer.shaft.profile import normal_cdf
+from pivometer.shaft.strip import CHUNK_ROWS, Strip, strip
 
 INNER_PX, OUTER_PX = 5.0, 4.0
 LEAST_HALF_PX = 3.0

@@ -19,8 +19,8 @@ from pivometer.shaft.band_map import BandMap
 from pivometer.shaft.bands import EdgeLine, width_px
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
-from pivometer.shaft.plain import CHUNK_ROWS
 from pivometer.shaft.profile import BLUR_RANGE_PX, normal_cdf
+from pivometer.shaft.strip import CHUNK_ROWS
 from pivometer.shaft.thin import ThinRows, thin_rows
 
 Lines = tuple[EdgeLine, EdgeLine]

@@ -19,7 +19,6 @@ from pivometer.shaft.band_map import BandMap
 from pivometer.shaft.bands import EdgeLine, tapers_px, width_px
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
-from pivometer.shaft.plain import CHUNK_ROWS, Strip, strip
 from pivometer.shaft.rungs import (
     IN,
     LIMB,
@@ -34,6 +33,7 @@ from pivometer.shaft.rungs import (
     solve,
 )
 from pivometer.shaft.samples import Behind, Samples, binned, pixels
+from pivometer.shaft.strip import CHUNK_ROWS, Strip, strip
 
 Lines = tuple[EdgeLine, EdgeLine]
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.plain import CHUNK_ROWS
 from pivometer.shaft.profile import limb, normal_cdf
 from pivometer.shaft.samples import Indices, Samples
+from pivometer.shaft.strip import CHUNK_ROWS
 
 OUT, OUT_RAMP, IN, RAMP, LIMB = range(5)
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.plain import CHUNK_ROWS, Strip
+from pivometer.shaft.strip import CHUNK_ROWS, Strip
 
 Indices = NDArray[np.intp]
 

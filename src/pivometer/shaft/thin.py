@@ -18,7 +18,6 @@ from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
 from pivometer.shaft.plain import (
     BLUR_RANGE_PX,
-    CHUNK_ROWS,
     COARSE_ROWS,
     FAR_PX,
     FIRST_BLUR_PX,
@@ -30,6 +29,7 @@ from pivometer.shaft.plain import (
     STEP_LIMIT_PX,
 )
 from pivometer.shaft.profile import normal_cdf
+from pivometer.shaft.strip import CHUNK_ROWS
 
 Lines = tuple[EdgeLine, EdgeLine]
 

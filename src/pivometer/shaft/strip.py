@@ -1,0 +1,130 @@
+"""The raw pixels beside both edges of an upright shaft, with their distances and far sums."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pivometer._arrays import Floats
+from pivometer.shaft.band_map import BandMap, picked
+from pivometer.shaft.bands import EdgeLine
+
+Lines = tuple[EdgeLine, EdgeLine]
+
+CHUNK_ROWS = 24
+"""Rows that share grey levels."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Strip:
+    """The columns beside both edges, inside first, for rows along the shaft.
+
+    Parameters
+    ----------
+    near
+        Grey levels of the columns where the profile changes, shape (2, rows, k).
+    x_px, lever
+        Their distance from the first guess of the edge (raw px, positive outside), and their
+        position along it (−1 … 1); same shape.
+    scale
+        Raw px per undistorted px, shape (2, rows, 1).
+    counts, sums
+        Number and sum of the far columns inside and outside, shape (2, rows, 2).
+    trends
+        Sums of the far grey levels times their column's offset from the window's middle,
+        shape (2, rows, 2); those of the offsets' squares are `spread`, shape (2,).
+    squares
+        Sums of the squares of the far grey levels, shape (2, rows, 2).
+    valid
+        1 for a row that counts, shape (2, rows).
+    """
+
+    near: Floats
+    x_px: Floats
+    lever: Floats
+    scale: Floats
+    counts: Floats
+    sums: Floats
+    trends: Floats
+    squares: Floats
+    spread: Floats
+    valid: Floats
+
+
+def strip(
+    turned: NDArray[np.generic],
+    maps: tuple[BandMap, BandMap],
+    lines: Lines,
+    *,
+    near_px: tuple[float, float],
+    inner_px: float,
+    outer_px: float,
+) -> Strip:
+    """Gather both edges' columns.
+
+    Parameters
+    ----------
+    turned
+        The image, turned so that the shaft is upright.
+    maps, lines
+        Where the pixels are, and the edges that distances are from.
+    near_px
+        Reach of the near columns inside and outside, raw px.
+    inner_px, outer_px
+        Reach of the far ones, raw px.
+    """
+    slant = max(m.slant for m in maps)
+    near, beyond = (int(np.ceil(reach * slant)) + 1 for reach in near_px)
+    inner = max(near + 2, int(inner_px * slant))
+    outer = max(beyond + 2, int(outer_px * slant))
+    first = min(int(m.rows[0]) for m in maps)
+    every = int(np.diff(maps[0].rows[:2]).sum())
+    begin = [(int(m.rows[0]) - first) // every for m in maps]
+    total = max(at + len(m.rows) for at, m in zip(begin, maps, strict=True))
+    count = -(-total // CHUNK_ROWS) * CHUNK_ROWS
+    j = np.arange(-inner, outer + 1)
+    grey = np.zeros((2, count, len(j)))
+    inside = np.zeros((2, count, len(j)), dtype=bool)
+    x, lever = np.zeros((2, 2, count, near + beyond + 1))
+    scale = np.ones((2, count, 1))
+    for edge, (m, line) in enumerate(zip(maps, lines, strict=True)):
+        at = slice(begin[edge], begin[edge] + len(m.rows))
+        columns = np.rint(m.centre).astype(np.intp)[:, None] + m.outward * j
+        within = (columns >= 0) & (columns < turned.shape[1])
+        if within.all():
+            grey[edge, at] = picked(turned, m.rows, columns)
+        else:
+            clipped = np.clip(columns, 0, turned.shape[1] - 1)
+            grey[edge, at] = np.where(within, picked(turned, m.rows, clipped), 0)
+        inside[edge, at] = within
+        middle = columns[:, inner - near : inner + beyond + 1]
+        x[edge, at] = m.coordinate(line.outward, -float(line.outward @ line.middle_px), middle)
+        half = line.half_px / (line.half_px @ line.half_px)
+        lever[edge, at] = m.coordinate(half, -float(half @ line.middle_px), middle)
+        scale[edge, at, 0] = m.scale
+    x *= scale
+    place = slice(inner - near, inner + beyond + 1)
+    valid = inside[..., place].all(axis=-1)
+    weights = np.zeros((len(j), 4))
+    weights[: inner - near, 0] = weights[inner + beyond + 1 :, 1] = 1.0
+    for side, far in enumerate((slice(0, inner - near), slice(inner + beyond + 1, len(j)))):
+        weights[far, 2 + side] = j[far] - j[far].mean()
+    sums = grey @ weights
+    if inside.all():
+        counts = np.broadcast_to(weights[:, :2].sum(axis=0), sums[..., :2].shape)
+    else:
+        counts = inside.astype(np.float64) @ weights[:, :2]
+    return Strip(
+        near=grey[..., place],
+        x_px=x,
+        lever=lever,
+        scale=scale,
+        counts=counts,
+        sums=sums[..., :2],
+        trends=sums[..., 2:],
+        squares=(grey * grey) @ weights[:, :2],
+        spread=(weights[:, 2:] ** 2).sum(axis=0),
+        valid=np.asarray(valid, dtype=np.float64),
+    )
