@@ -49,7 +49,7 @@ from pivometer.pipeline.reading import Progress
 from pivometer.pipeline.shaft_checking import Route, Triangulated, checked_poses, with_shaft
 from pivometer.pipeline.shafts import SHAFT_ADVICE, session_shafts
 from pivometer.pipeline.structuring import with_structure
-from pivometer.rcm import geometry_findings, outlier_findings, refuse_geometry, solve
+from pivometer.rcm import geometry_findings, refuse_geometry, solve
 from pivometer.rcm.result import Finding
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.gate import diameter_faults
@@ -411,7 +411,7 @@ def _measurement(
         poses=tuple(
             pose if isinstance(pose, RejectedPose) else _used_pose(*next(rows)) for pose in poses
         ),
-        findings=findings + outlier_findings([line.pose for line in lines], points, directions),
+        findings=findings,
         calibration=calibration,
         setup=Setup(
             session=session.folder.resolve().name,

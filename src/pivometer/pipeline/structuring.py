@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from pivometer.io.joints import FILE_NAME, PoseTable
 from pivometer.io.session import Session
 from pivometer.measurement import ImportedRig, Measurement
 from pivometer.pipeline.line_errors import line_points
-from pivometer.rcm import Finding
+from pivometer.rcm import Finding, outlier_findings
 from pivometer.rcm.structure import ErrorStructure, Pattern, error_structure
 from pivometer.uncertainty import LineErrors
+
+REGULAR = 0.9
+"""Part of the misses' variance that follows direction or joints smoothly, from which large misses
+are no mistakes of single poses: such a mistake would not follow, and would lower this part."""
 
 
 def with_structure(measurement: Measurement, session: Session, errors: LineErrors) -> Measurement:
@@ -23,6 +29,7 @@ def with_structure(measurement: Measurement, session: Session, errors: LineError
     structure = structure_of(measurement, errors, table)
     inputs = {**measurement.inputs} | ({FILE_NAME: table.sha256} if table is not None else {})
     findings = [_moved(pattern) for pattern in structure.found if pattern.kind == "order"]
+    findings += _outliers(measurement, structure)
     return replace(
         measurement,
         structure=structure,
@@ -62,6 +69,16 @@ def structure_of(
         return structure
     board_from_reference = measurement.board_frame.reference_from_board.inverse()
     return replace(structure, board_misses_mm=board_from_reference.rotate(structure.misses_mm))
+
+
+def _outliers(measurement: Measurement, structure: ErrorStructure) -> tuple[Finding, ...]:
+    """Name single poses that miss by far more than the rest, unless the rest foretells it."""
+    regular = [p.share for p in structure.found if p.kind in ("direction", "joint")]
+    if max(regular, default=0.0) >= REGULAR:
+        return ()
+    names = [pose.pose for pose in measurement.used]
+    directions = np.stack([pose.centerline.direction for pose in measurement.used])
+    return outlier_findings(names, line_points(measurement), directions)
 
 
 def _moved(pattern: Pattern) -> Finding:
