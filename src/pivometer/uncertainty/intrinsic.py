@@ -24,10 +24,6 @@ from pivometer.uncertainty.line_errors import Noise
 CONFIDENCE = 0.95
 """Confidence with which `IntrinsicError.content` is stated."""
 
-NORMAL_BEYOND = 1e6
-"""Non-centrality from which the noncentral χ² distribution is taken as normal: its quantiles then
-differ by less than 1e-3 of the interval's width, and its series needs 1e4 terms."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IntrinsicError:
@@ -91,8 +87,8 @@ def intrinsic_error(
     """Return the robot's own RCM error with intervals.
 
     With T the stacked Pᵢ, R = I − T N⁻¹ Tᵀ and S the covariance of all lines, the sum of squares is
-    that of the robot's own misses plus on average tr(RS). Its distribution is g times a noncentral
-    χ² on ν degrees of freedom, g = tr((RS)²)/tr(RS) and ν = tr(RS)²/tr((RS)²).
+    that of the robot's own misses θ² plus on average tr(RS), and varies by 2 tr((RS)²) + 4 mᵀSm, m
+    the misses. A χ² distribution of this mean and variance is inverted for θ².
 
     The largest miss is a convex function of the lines' displacements, so its tangent bounds the
     robot's own from above; and it changes by no more than the largest displacement of any line,
@@ -123,7 +119,8 @@ def intrinsic_error(
 
     References
     ----------
-    F. E. Satterthwaite, doi:10.2307/3002019 (g and ν).
+    F. E. Satterthwaite, doi:10.2307/3002019; P. B. Patnaik, doi:10.1093/biomet/36.1-2.202 (χ² of
+    the same mean and variance, without and with misses of the robot's own).
 
     Examples
     --------
@@ -131,7 +128,7 @@ def intrinsic_error(
     >>> directions = [[1, 0, 0], [2, 0, 0], [0, 1, 0], [0, 1, 0]]
     >>> found = intrinsic_error(points, directions, [0.1**2 * np.eye(3)] * 4)
     >>> round(found.rms_mm, 3), found.rms_interval_mm.round(3), found.max_interval_mm.round(3)
-    (0.783, array([0.686, 0.883]), array([0.681, 1.139]))
+    (0.783, array([0.684, 0.881]), array([0.681, 1.139]))
     """
     lines = centred_lines(points_mm, directions)
     count = len(lines.axes)
@@ -213,31 +210,45 @@ def _traces(lines: CentredLines, noise: Noise) -> tuple[float, float]:
     return float(trace), float(squared + np.trace(cross @ cross))
 
 
-def _noncentrality(value: float, freedom: float, probability: float) -> float:
-    """Return λ with P(χ²_ν(λ) ≤ value) = probability; zero where none is small enough."""
-    from scipy.special import chndtr, chndtrinc, ndtri
-
-    if value - freedom > NORMAL_BEYOND:
-        z = float(ndtri(probability))
-        # value = ν + λ + z √(2ν + 4λ), solved for the root
-        root = -z + np.sqrt(z**2 + value - freedom / 2)
-        return float(max(root**2 - freedom / 2, 0.0))
-    if chndtr(value, freedom, 0.0) <= probability:
-        return 0.0
-    return float(chndtrinc(value, freedom, probability))
-
-
 def _rms_interval(
     lines: CentredLines, noise: Noise, squares: float, coverage: float
 ) -> tuple[float, float]:
     """Return the ends of the interval of the robot's own rms miss, mm."""
     trace, trace_of_square = _traces(lines, noise)
-    g, freedom = trace_of_square / trace, trace**2 / trace_of_square
+    misses = lines.offsets
+    along = np.einsum("ni,nir->r", misses, noise.common_mm)
+    seen = np.einsum("ni,nij,nj->", misses, noise.alone_mm2, misses) + along @ along
+    each = float(seen) / squares if squares > 0 else trace_of_square / trace
     low, high = (
-        np.sqrt(_noncentrality(squares / g, freedom, p) * g / len(lines.axes))
+        np.sqrt(_own_squares(squares, trace, trace_of_square, each, p) / len(lines.axes))
         for p in ((1 + coverage) / 2, (1 - coverage) / 2)
     )
     return float(low), float(high)
+
+
+def _own_squares(
+    squares: float, trace: float, trace_of_square: float, each: float, probability: float
+) -> float:
+    """Return the θ² with P(sum of squares ≤ `squares`) = probability; zero where none is so small.
+
+    The sum has mean tr(RS) + θ² and variance 2 tr((RS)²) + 4 h θ², with h = `each` the noise's
+    variance along the misses; a χ² distribution of the same mean and variance stands for it.
+    """
+    from scipy.special import gammainc
+
+    def chance(own: float) -> float:
+        mean, variance = trace + own, 2 * trace_of_square + 4 * each * own
+        return float(gammainc(mean**2 / variance, squares * mean / variance))
+
+    if chance(0.0) <= probability:
+        return 0.0
+    low, high = 0.0, squares
+    while chance(high) > probability:
+        low, high = high, 2 * high
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if chance(middle) > probability else (low, middle)
+    return high
 
 
 def _max_u(lines: CentredLines, found: MinimaxRcm, noise: Noise) -> float:
