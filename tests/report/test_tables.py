@@ -39,7 +39,7 @@ def test_location_table_matches_the_measurement(measurement):
         assert float(row[4]) == pytest.approx(
             np.sqrt(measurement.uncertainty.calibration_mm2[i, i]), rel=0.05
         )
-        assert float(row[5]) == pytest.approx(measurement.rcm.minimax.point_mm[i], abs=tolerance)
+        assert float(row[6]) == pytest.approx(measurement.rcm.minimax.point_mm[i], abs=tolerance)
 
 
 def test_paper_table_keeps_the_papers_figures_apart(measurement):

@@ -20,7 +20,7 @@ class Edges:
     normals_covariance: np.ndarray
 
 
-def chained(view, rig, covariance, *, normals_rad=0.0, miss_mm=0.05):
+def chained(view, rig, covariance, *, normals_rad=0.0, miss_mm=0.05, floor_mm=0.0):
     edges = [
         [Edges(e.camera, e.points_px, normals_rad**2 * np.eye(6)) for e in pose]
         for pose in view(20, miss_mm=miss_mm)
@@ -28,7 +28,7 @@ def chained(view, rig, covariance, *, normals_rad=0.0, miss_mm=0.05):
     linear = location_uncertainty(edges, rig, covariance)
     _, axes = lines_of(thinned_points(edges, [c.name for c in rig.cameras]), rig)
     none = np.zeros((20, 3, 0))
-    errors = LineErrors(axes, np.zeros((20, 3, 3)), none, none)
+    errors = LineErrors(axes, np.zeros((20, 3, 3)), none, none, floor_mm2=np.full(3, floor_mm**2))
     return chain(edges, rig, covariance, linear, errors), linear
 
 
@@ -50,6 +50,13 @@ def test_noise_of_the_edges_pushes_the_misses_up(view, rig, rig_covariance):
     found = summary(way.drawn(200, np.random.default_rng(2)), linear, seed=2)
     assert found.rms.mean_mm > 0.005
     assert found.max.mean_mm > found.rms.mean_mm
+
+
+def test_the_floor_is_in_the_misses_and_only_once_in_the_location(view, rig, rig_covariance):
+    way, linear = chained(view, rig, 1e-6 * rig_covariance, miss_mm=0.0, floor_mm=0.01)
+    found = summary(way.drawn(200, np.random.default_rng(5)), linear, seed=5)
+    expected = 0.01 * np.sqrt(37 / 20)  # of 2n components, 3 go into the point
+    assert found.rms.mean_mm == pytest.approx(expected, rel=4 / np.sqrt(2 * 37 * 200))
 
 
 def test_draws_that_spread_otherwise_than_the_linear_propagation_are_told(

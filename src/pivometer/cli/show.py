@@ -181,7 +181,9 @@ def show_plan(planned: "Plan") -> None:
     """Print what a planned measurement will be good for, and what limits it."""
     seen = planned.foresight
     u = seen.uncertainty
-    lines, calibration = (np.sqrt(part.diagonal()) for part in (u.lines_mm2, u.calibration_mm2))
+    lines, calibration, light = (
+        np.sqrt(part.diagonal()) for part in (u.lines_mm2, u.calibration_mm2, u.shading_mm2)
+    )
     say(
         f"{seen.poses} poses in a cone of {planned.cone_deg:g}° about a point "
         f"{np.linalg.norm(planned.point_mm):.0f} mm from camera {planned.rig.reference}.",
@@ -193,11 +195,18 @@ def show_plan(planned: "Plan") -> None:
             uncertainty_text(float(u.expanded_mm[i])),
             uncertainty_text(float(lines[i])),
             uncertainty_text(float(calibration[i])),
+            uncertainty_text(float(light[i])),
         )
         for i, axis in enumerate("xyz")
     )
     factor = f"U (k = {u.coverage_factor:.2f})"
-    columns = ("axis", factor, "u from the centerlines", "u from the calibration")
+    columns = (
+        "axis",
+        factor,
+        "u from the centerlines",
+        "u from the calibration",
+        "u from light",
+    )
     show_table(Table("Expected uncertainty of the location, mm", columns, rows))
     say(
         f"A perfect robot will read {uncertainty_text(seen.instrument_rms_mm)} mm rms and "

@@ -42,11 +42,12 @@ def location_table(measurement: Measurement) -> Table:
     uncertainty, rcm = measurement.uncertainty, measurement.rcm
     decimals = [decimals_of(float(expanded)) for expanded in uncertainty.expanded_mm]
     lines_u = np.sqrt(np.maximum(np.diag(uncertainty.lines_mm2), 0.0))
-    calibration_u, known = ["unknown"] * 3, False
+    calibration_u, light_u, known = ["unknown"] * 3, ["unknown"] * 3, False
     if isinstance(uncertainty, LocationUncertainty):
         known = True
         variances = np.maximum(np.diag(uncertainty.calibration_mm2), 0.0)
         calibration_u = [uncertainty_text(u) for u in np.sqrt(variances)]
+        light_u = [uncertainty_text(u) for u in np.sqrt(np.diag(uncertainty.shading_mm2))]
     rows = [
         (
             axis,
@@ -54,6 +55,7 @@ def location_table(measurement: Measurement) -> Table:
             uncertainty_text(uncertainty.expanded_mm[i]),
             uncertainty_text(lines_u[i]),
             calibration_u[i],
+            light_u[i],
             fixed(rcm.minimax.point_mm[i], decimals[i]),
         )
         for i, axis in enumerate("xyz")
@@ -67,6 +69,7 @@ def location_table(measurement: Measurement) -> Table:
             + f" (k = {uncertainty.coverage_factor:.2f})",
             "u from the centerlines",
             "u from the calibration",
+            "u from light",
             "minimax",
         ),
         tuple(rows),
@@ -91,6 +94,7 @@ def board_location_table(measurement: Measurement) -> Table | None:
             uncertainty.lines_mm2,
             uncertainty.calibration_mm2,
             uncertainty.board_mm2,
+            uncertainty.shading_mm2,
         )
     ]
     rows = [
@@ -112,6 +116,7 @@ def board_location_table(measurement: Measurement) -> Table | None:
             "u from the centerlines",
             "u from the calibration",
             "u from the board’s corners",
+            "u from light",
             "minimax",
         ),
         tuple(rows),

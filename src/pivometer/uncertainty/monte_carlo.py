@@ -107,9 +107,11 @@ class Chain:
     edge_roots
         For each group, a root of the covariance of both normals, shape (n, c, 6, 6).
     robot_root
-        A root of the covariance of the location from what scatters beside the edges, shape (3, 3).
+        A root of the covariance of the location from what scatters beside edges and floor, (3, 3).
     degrees_of_freedom
         With which that covariance is known.
+    floor_mm
+        Standard deviation of every line a component from the instrument's floor, mm.
     """
 
     groups: tuple[SeenAlike, ...]
@@ -118,6 +120,7 @@ class Chain:
     edge_roots: tuple[Floats, ...]
     robot_root: Floats
     degrees_of_freedom: float
+    floor_mm: float = 0.0
 
     def drawn(self, count: int, random: np.random.Generator) -> Floats:
         """Return x, y, z, max and rms of a number of draws, shape (count, 5), mm."""
@@ -137,6 +140,7 @@ class Chain:
             points[group.poses], directions[group.poses], _ = lines_from_edge_normals(
                 moved / np.linalg.norm(moved, axis=-1, keepdims=True), transforms_of(group, rig)
             )
+        points += self.floor_mm * random.standard_normal(points.shape)
         lines = centred_lines(points, directions)
         radii = lines.radii()
         spread = np.sqrt(self.degrees_of_freedom / random.chisquare(self.degrees_of_freedom))
@@ -161,12 +165,14 @@ def chain(
     linear
         What it returned: it holds the scatter of the lines, of which the robot's own part is drawn.
     errors
-        What the instrument does to the lines: what the noise of the edges explains of that scatter
-        is drawn with the edges.
+        What the instrument does to the lines: what edges and floor explain of that scatter is drawn
+        by itself.
     """
     size = len(rig.parameter_names)
     groups = thinned_points(edges, [camera.name for camera in rig.cameras])
-    values, vectors = np.linalg.eigh(linear.lines_mm2 - errors.location_mm2(errors.edges_mm2))
+    values, vectors = np.linalg.eigh(
+        linear.lines_mm2 - errors.location_mm2(errors.stated().alone_mm2)
+    )
     independent = linear.independent_poses or float(len(edges))
     return Chain(
         groups,
@@ -175,6 +181,7 @@ def chain(
         tuple(_edge_roots(edges, group, rig) for group in groups),
         vectors * np.sqrt(np.maximum(values, 0.0)),
         max(2 * independent - 3, 1.0),
+        float(np.sqrt(errors.floor_mm2[0])),
     )
 
 
