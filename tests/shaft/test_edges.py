@@ -80,13 +80,14 @@ def render(
     outside: float | Floats = 20.0,
     limb: float = 0.0,
     side_light: float = 0.0,
+    gloss_at: float | None = None,
     psf_px: float = 0.7,
 ) -> Scene:
     """Render a shaft that crosses the whole image.
 
     `outside` may be a picture of FACTOR × FACTOR samples a pixel. `limb` is the part of the inside
     level that falls off towards the edges as √(1 − ξ²), and `side_light` the part that changes
-    linearly from one edge to the other.
+    linearly from one edge to the other. `gloss_at` is the ξ of a narrow highlight of 170 levels.
     """
     angle = np.radians(angle_deg)
     along = np.array([np.cos(angle), np.sin(angle)])
@@ -122,6 +123,8 @@ def render(
     gap = (half - np.abs(d)) / slope
     cover = np.clip(gap * FACTOR + 0.5, 0, 1)
     level = inside * (1 - limb + limb * np.sqrt(1 - xi**2) + side_light * xi)
+    if gloss_at is not None:
+        level = level + 170 * np.exp(-(((xi - gloss_at) / 0.15) ** 2))
     sharp = outside + (level - outside) * cover
     blurred = cv2.GaussianBlur(sharp, (0, 0), psf_px * FACTOR, borderType=cv2.BORDER_REPLICATE)
     clean = blurred.reshape(camera.height, FACTOR, camera.width, FACTOR).mean(axis=(1, 3))
@@ -295,6 +298,32 @@ def test_native_bit_depths(depth):
     assert edges.contrast == pytest.approx(gain * CONTRAST, rel=0.02)
     assert edges.blur_px == pytest.approx(np.sqrt(0.7**2 + 1 / 12), abs=0.02)
     assert edges.width_px == pytest.approx(30.0, abs=0.1)
+
+
+def glossy(width_px, gloss_at):
+    """A dark thin shaft with a highlight near an edge, before rough surroundings, 8 bits deep."""
+    rng = np.random.default_rng(31)
+    rough = rng.uniform(90, 170, (40, 54))
+    camera = camera_of()
+    size = (camera.width * FACTOR, camera.height * FACTOR)
+    outside = cv2.resize(rough, size, interpolation=cv2.INTER_CUBIC)
+    scene = render(camera, width_px=width_px, inside=18.0, outside=outside, gloss_at=gloss_at)
+    return scene, np.clip(np.rint(scene.with_noise(NOISE, rng)), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("gloss_at", [0.4, 0.45, 0.5])
+def test_a_highlight_beside_an_edge_is_not_taken_for_it(gloss_at):
+    scene, image = glossy(11.0, gloss_at)
+    edges = fit_edges(image, scene.camera, ShaftSeed(scene.seed_px))
+    # A limb bent up to 480 grey levels put the edge 0.6 px inside, with 0.05 px stated.
+    middle = scene.offsets_px(edges.points_px).mean(axis=1)
+    assert np.abs(middle / edges.sigma_px).max() < 3
+
+
+def test_a_step_that_no_pixel_shows_is_refused():
+    scene, image = glossy(9.5, 0.6)
+    with pytest.raises(ShaftNotFoundError, match="times the range of grey levels"):
+        fit_edges(image, scene.camera, ShaftSeed(scene.seed_px))
 
 
 def test_no_shaft_is_refused():

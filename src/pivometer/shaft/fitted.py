@@ -125,6 +125,9 @@ class FittedEdges:
         As in `ShaftEdges`.
     response_px
         How far outward a response that is not linear seems to have moved both edges, px.
+    overshoot
+        Grey step across each edge over the range of grey levels seen in the same rows, shape (2,);
+        0 where a model cannot extrapolate.
     """
 
     start: tuple[EdgeLine, EdgeLine]
@@ -140,6 +143,7 @@ class FittedEdges:
     saturated_part: Floats
     shading: str
     response_px: float = 0.0
+    overshoot: Floats = field(default_factory=lambda: np.zeros(2))
 
     @property
     def lines(self) -> tuple[EdgeLine, EdgeLine]:

@@ -13,6 +13,7 @@ from pivometer.shaft.bands import EdgeLine, gather, width_px
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
 from pivometer.shaft.profile import BLUR_RANGE_PX, Bands, Fit, Model, linearize
+from pivometer.shaft.refusals import extrapolates
 from pivometer.shaft.weights import RowTrust, trust_rows
 
 INNER_PX = 5.0
@@ -97,6 +98,12 @@ def fit_shaded(
     valid = np.where(misfit[..., None, None] & far, 0.0, bands.valid)
     bands = replace(bands, valid=valid)
     fit, trust = _iterate(bands, fit.parameters, trust, model, ITERATIONS)
+    solution = _solution(image, start, bands, fit, trust, model)
+    if not (model.limb and extrapolates(solution)):
+        return solution
+    # A limb beside a highlight is bent up to levels that no pixel has: without one there are none.
+    model = replace(model, limb=False)
+    fit, trust = _iterate(bands, first, None, model, ITERATIONS)
     return _solution(image, start, bands, fit, trust, model)
 
 
@@ -231,7 +238,18 @@ def _solution(
             image.dtype,
         ),
         shading=model.name,
+        overshoot=_overshoot(bands, fit, trust),
     )
+
+
+def _overshoot(bands: Bands, fit: Fit, trust: RowTrust) -> Floats:
+    """Return each edge's grey step over the range of grey levels in the same rows, shape (2,)."""
+    seen = bands.valid > 0
+    highest = np.where(seen, bands.grey, -np.inf).max(axis=-1)
+    lowest = np.where(seen, bands.grey, np.inf).min(axis=-1)
+    spread = np.where(seen.any(axis=-1), highest - lowest, 0.0)
+    step = (trust.weights * np.abs(fit.contrast)).sum(axis=(1, 2))
+    return np.asarray(step / np.maximum((trust.weights * spread).sum(axis=(1, 2)), 1e-9))
 
 
 def _chunk_inflation(bands: Bands, fit: Fit, trust: RowTrust) -> float:
