@@ -45,3 +45,19 @@ def test_a_wrong_command_is_not_understood():
 
     with pytest.raises(CycloptsError):
         app.parse_args(["verify", "a", "b", "c"], print_error=False, exit_on_error=False)
+
+
+PYTHON = [
+    block
+    for page in PAGES
+    for block in re.findall(
+        r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL
+    )
+    if "my-session" not in block and "import" in block
+]
+
+
+@pytest.mark.parametrize("block", PYTHON)
+def test_python_that_needs_no_session_runs(block: str, capsys: pytest.CaptureFixture[str]) -> None:
+    exec(block, {})  # noqa: S102 - our own pages
+    assert capsys.readouterr().out
