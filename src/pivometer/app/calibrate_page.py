@@ -8,13 +8,13 @@ from nicegui import ui
 
 from pivometer import pipeline
 from pivometer.app.board_task import BoardTask
+from pivometer.app.capture_controls import CaptureControls
 from pivometer.app.shell import (
     Tell,
     add_pictures,
     button,
     enable,
     keys,
-    live_view,
     page_frame,
     tag,
     text,
@@ -64,7 +64,14 @@ class _CalibratePage:
             work, ("Views", "View", "Cameras", "rms, mm", "largest, mm"), self._changed
         )
         add_pictures("board", work.session.cameras if work.session else ())
-        keys({"C": self._capture, "U": self._undo, "A": self._toggle, "K": self._calibrate})
+        keys(
+            {
+                "C": self._capture,
+                "U": self._undo,
+                "A": self._controls.toggle,
+                "K": self._calibrate,
+            }
+        )
         self._tend()
         ui.timer(0.25, self._refresh)
 
@@ -75,34 +82,18 @@ class _CalibratePage:
         client.on_disconnect(lambda: self._watcher.drop_task(self._task))
 
     def _cameras(self) -> None:
-        with ui.element("div").classes("two"):
-            for name in self._work.feeds:
-                live_view(name)
-        if not self._work.feeds:
-            tag(
-                "p", "No camera is open; open them in step 1, or go on with the pictures there are."
-            )
-        self._seen = tag("p", "")
-        self._seen.props('role="status"')
-        button("Take picture", self._capture, key="C")
-        button("Undo last", self._undo, key="U")
-        self._auto = button("Automatic: on", self._toggle, key="A")
-        self._auto.props('aria-pressed="true"')
+        self._controls = CaptureControls(
+            self._task,
+            self._work.feeds,
+            without="No camera is open; open them in step 1, or go on with the pictures there are.",
+            take=self._capture,
+            undo=self._undo,
+            label="Take picture",
+        )
         self._go = button("Calibrate", self._calibrate, key="K")
 
     def _capture(self) -> None:
         self._task.asked = True
-
-    def _toggle(self) -> None:
-        self._set_automatic(not self._task.automatic)
-
-    def _set_automatic(self, on: bool) -> None:
-        self._task.automatic = on
-        self._auto.props(f'aria-pressed="{str(on).lower()}"')
-        self._auto.clear()
-        with self._auto:
-            text(f"Automatic: {'on' if on else 'off'}")
-            tag("kbd", "A")
 
     async def _undo(self) -> None:
         """Take the newest view out again; its pictures stay on the disk."""
@@ -119,7 +110,7 @@ class _CalibratePage:
         await asyncio.to_thread(self._task.count)
 
     async def _refresh(self) -> None:
-        self._seen.set(self._work.lost() or self._watcher.told() or self._task.told)
+        self._controls.seen.set(self._work.lost() or self._watcher.told() or self._task.told)
         if self._busy:
             self._told.say(self._progress)
         if self._added != self._work.added:
@@ -148,7 +139,7 @@ class _CalibratePage:
         if session is None or known is None or not known.possible or self._busy:
             return
         self._busy, self._progress = True, "Calibrating …"
-        self._set_automatic(False)  # a view that came now would not be in it
+        self._controls.set_automatic(False)  # a view that came now would not be in it
         enable(self._go, on=False)
         try:
             made = await asyncio.to_thread(pipeline.calibrate, session, progress=self._tell)

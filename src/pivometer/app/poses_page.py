@@ -8,6 +8,7 @@ from functools import partial
 from nicegui import ui
 
 from pivometer import pipeline
+from pivometer.app.capture_controls import CaptureControls
 from pivometer.app.shaft_task import ShaftTask
 from pivometer.app.shell import (
     Tell,
@@ -15,7 +16,6 @@ from pivometer.app.shell import (
     button,
     drawing,
     keys,
-    live_view,
     page_frame,
     tag,
     text,
@@ -83,23 +83,22 @@ class _PosesPage:
             self._numbers = ui.element("div").classes("two")
         self._others()
         add_pictures("shaft", work.session.cameras if work.session else ())
-        keys({"C": self._capture, "U": self._undo, "A": self._toggle})
+        keys({"C": self._capture, "U": self._undo, "A": self._controls.toggle})
         client = ui.context.client
         client.on_connect(lambda: watcher.set_task(self._task))
         client.on_disconnect(lambda: watcher.drop_task(self._task))
         ui.timer(0.3, self._refresh)
 
     def _cameras(self) -> None:
-        with ui.element("div").classes("two"):
-            for name in self._work.feeds:
-                live_view(name)
-        if not self._work.feeds:
-            tag("p", "No camera is open: open them in step 1, or use the pictures there are.")
-        self._seen = tag("p", "")
-        self._seen.props('role="status"')
-        button("Take pose", self._capture, key="C", main=True)
-        button("Undo last", self._undo, key="U")
-        self._auto = button("Automatic: on", self._toggle, key="A")
+        self._controls = CaptureControls(
+            self._task,
+            self._work.feeds,
+            without="No camera is open: open them in step 1, or use the pictures there are.",
+            take=self._capture,
+            undo=self._undo,
+            label="Take pose",
+            main=True,
+        )
 
     def _others(self) -> None:
         """Offer the pictures that are no poses."""
@@ -116,15 +115,6 @@ class _PosesPage:
 
     def _capture(self) -> None:
         self._task.asked = "shaft"
-
-    def _toggle(self) -> None:
-        self._task.automatic = not self._task.automatic
-        on = self._task.automatic
-        self._auto.props(f'aria-pressed="{str(on).lower()}"')
-        self._auto.clear()
-        with self._auto:
-            text(f"Automatic: {'on' if on else 'off'}")
-            tag("kbd", "A")
 
     async def _undo(self) -> None:
         """Take the newest pose out again; its pictures stay on the disk."""
@@ -144,7 +134,7 @@ class _PosesPage:
         await asyncio.to_thread(self._task.count)
 
     async def _refresh(self) -> None:
-        self._seen.set(self._work.lost() or self._watcher.told() or self._task.told)
+        self._controls.seen.set(self._work.lost() or self._watcher.told() or self._task.told)
         if self._added != self._work.added:
             self._added = self._work.added
             await asyncio.to_thread(self._task.count)
