@@ -1,6 +1,7 @@
 """``pivometer calibrate`` and ``pivometer measure``: from a session to its rig and its RCM."""
 
 import shlex
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -122,17 +123,11 @@ def measure(
     from pivometer.io.formats import read_any_rig
     from pivometer.io.result import read_floor
 
-    if rig is not None and (method or distortion) is not None:
-        raise UsageError(
-            f"--{'distortion' if method is None else 'method'} says how to calibrate, but --rig "
-            "gives a calibration",
-            next_step="leave out one of them",
-        )
-    if rig is None and (unit_mm is not None or image_size is not None):
-        raise UsageError(
-            "--unit-mm and --image-size describe a --rig, and none is given",
-            next_step="add --rig, or leave them out",
-        )
+    _refuse_stray_options(
+        rig,
+        calibrating={"--method": method, "--distortion": distortion},
+        describing=(unit_mm, image_size),
+    )
     if bearing_rms_mm is not None and not gold_standard:
         raise UsageError(
             "--bearing-rms-mm describes a gold standard", next_step="add --gold-standard"
@@ -156,11 +151,7 @@ def measure(
         "--bearing-rms-mm": bearing_rms_mm,
         "--monte-carlo": monte_carlo,
     }
-    given = [str(word) for option in options.items() if option[1] is not None for word in option]
-    given += [] if image_size is None else ["--image-size", *map(str, image_size)]
-    given += [word for text in hint or [] for word in ("--hint", text)]
-    given += ["--gold-standard"] if gold_standard else []
-    command = shlex.join(["pivometer", "measure", str(session), *given])
+    command = _command(session, options, image_size, hint or [], gold_standard=gold_standard)
     with progress_bar() as progress:
         measurement = pipeline.measure(
             loaded,
@@ -184,3 +175,36 @@ def measure(
             pipeline.write_figures(measurement, figures)
             files["figures"] = figures
     show_measurement(measurement, files, ignored=loaded.ignored)
+
+
+def _refuse_stray_options(
+    rig: Path | None, *, calibrating: Mapping[str, object], describing: Sequence[object]
+) -> None:
+    """Refuse to calibrate beside a rig that is given, and to describe one that is not."""
+    stray = [name for name, value in calibrating.items() if value is not None]
+    if rig is not None and stray:
+        raise UsageError(
+            f"{stray[0]} says how to calibrate, but --rig gives a calibration",
+            next_step="leave out one of them",
+        )
+    if rig is None and any(value is not None for value in describing):
+        raise UsageError(
+            "--unit-mm and --image-size describe a --rig, and none is given",
+            next_step="add --rig, or leave them out",
+        )
+
+
+def _command(
+    session: Path,
+    options: Mapping[str, object],
+    image_size: tuple[int, int] | None,
+    hints: Sequence[str],
+    *,
+    gold_standard: bool,
+) -> str:
+    """Return the command line that asks for the same again."""
+    given = [str(word) for option in options.items() if option[1] is not None for word in option]
+    given += [] if image_size is None else ["--image-size", *map(str, image_size)]
+    given += [word for text in hints for word in ("--hint", text)]
+    given += ["--gold-standard"] if gold_standard else []
+    return shlex.join(["pivometer", "measure", str(session), *given])
