@@ -34,7 +34,7 @@ from pivometer.shaft.edges import fit_edges
 from pivometer.shaft.silhouette import coimage_normal, outward_normals
 from pivometer.shaft.triangulation import triangulate_centerline
 from pivometer.simulation.robots import cone_directions
-from pivometer.uncertainty.intrinsic import noise_squares
+from pivometer.uncertainty.intrinsic import noise_effects
 from pivometer.uncertainty.line_errors import Noise
 
 Floats = NDArray[np.float64]
@@ -130,7 +130,8 @@ def compare(name: str, look: Look, sessions: int) -> None:
     ]
     points, axes = np.stack([c.point_mm for c in exact]), np.stack([c.direction for c in exact])
     alone = np.stack([c.position_covariance_mm2(RCM_MM) for c in exact])
-    least = noise_squares(points, axes, Noise(alone, np.zeros((POSES, 3, 0))))
+    (effect,) = noise_effects(points, axes, [Noise(alone, np.zeros((POSES, 3, 0)))])
+    least = effect.squares_mm2
     squares = []
     for number in range(sessions):
         random = np.random.default_rng([number, 7])

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from pivometer.io.joints import FILE_NAME, PoseTable
 from pivometer.io.session import Session
 from pivometer.measurement import ImportedRig, Measurement
@@ -29,7 +27,7 @@ def with_structure(measurement: Measurement, session: Session, errors: LineError
     structure = structure_of(measurement, errors, table)
     inputs = {**measurement.inputs} | ({FILE_NAME: table.sha256} if table is not None else {})
     findings = [_moved(pattern) for pattern in structure.found if pattern.kind == "order"]
-    findings += _outliers(measurement, structure)
+    findings += _outliers(measurement, structure, errors)
     return replace(
         measurement,
         structure=structure,
@@ -71,14 +69,15 @@ def structure_of(
     return replace(structure, board_misses_mm=board_from_reference.rotate(structure.misses_mm))
 
 
-def _outliers(measurement: Measurement, structure: ErrorStructure) -> tuple[Finding, ...]:
+def _outliers(
+    measurement: Measurement, structure: ErrorStructure, errors: LineErrors
+) -> tuple[Finding, ...]:
     """Name single poses that miss by far more than the rest, unless the rest foretells it."""
     regular = [p.share for p in structure.found if p.kind in ("direction", "joint")]
     if max(regular, default=0.0) >= REGULAR:
         return ()
     names = [pose.pose for pose in measurement.used]
-    directions = np.stack([pose.centerline.direction for pose in measurement.used])
-    return outlier_findings(names, line_points(measurement), directions)
+    return outlier_findings(names, line_points(measurement), errors.directions)
 
 
 def _moved(pattern: Pattern) -> Finding:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pivometer._arrays import Floats, checked, read_only
-from pivometer.uncertainty.intrinsic import max_u, noise_squares
+from pivometer.uncertainty.intrinsic import NoiseEffect, noise_effects
 from pivometer.uncertainty.line_errors import LineErrors, Noise
 
 ROBOT = "the robot's own misses"
@@ -150,20 +150,18 @@ def uncertainty_budget(
     own = {name: errors.location_mm2(noises[name].alone_mm2) for name in (EDGES, FLOOR)}
     in_camera = _by_source(camera, own, squares_relative)
     in_board = None if board is None else _by_source(board, own, squares_relative)
-    count, directions = len(errors.directions), errors.directions
+    found = noise_effects(points_mm, errors.directions, list(noises.values()))
+    effects = dict(zip(noises, found, strict=True))
     sources = []
     for name, covariance in in_camera.items():
-        squares, u = 0.0, 0.0
-        if name in noises:
-            squares = max(noise_squares(points_mm, directions, noises[name]), 0.0)
-            u = max_u(points_mm, directions, noises[name])
+        effect = effects.get(name, NoiseEffect(0.0, 0.0))
         sources.append(
             BudgetSource(
                 name,
                 _deviations(covariance),
                 None if in_board is None else _deviations(in_board[name]),
-                float(np.sqrt(squares / count)),
-                u,
+                float(np.sqrt(max(effect.squares_mm2, 0.0) / len(errors.directions))),
+                effect.max_u_mm,
             )
         )
     return _told([one for one in sources if _counts(one)])

@@ -12,7 +12,7 @@ from pivometer.cameras.rig import Rig
 from pivometer.errors import TooFewPosesError, UsageError
 from pivometer.rcm.least_squares import least_squares_rcm
 from pivometer.uncertainty.coverage import COVERAGE
-from pivometer.uncertainty.intrinsic import noise_squares
+from pivometer.uncertainty.intrinsic import noise_effects
 from pivometer.uncertainty.line_errors import LineErrors
 from pivometer.uncertainty.sequence import scatter
 
@@ -150,10 +150,9 @@ def instrument_floor(
         squares * half / float(gammaincinv(half, p))
         for p in ((1 + COVERAGE) / 2, (1 - COVERAGE) / 2)
     )
-    stated, *possible = (
-        noise_squares(points_mm, errors.directions, noise)
-        for noise in (errors.stated(), *errors.possible())
-    )
+    noises = (errors.stated(), *errors.possible())
+    effects = noise_effects(points_mm, errors.directions, noises)
+    stated, *possible = (effect.squares_mm2 for effect in effects)
     excess = np.array([squares - stated - own, low - max(possible) - own, high - stated]) / freedom
     return InstrumentFloor(
         excess_mm2=np.maximum(excess, 0.0),

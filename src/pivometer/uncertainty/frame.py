@@ -20,6 +20,7 @@ from pivometer.calibration.frame import FixedBoard, board_pose
 from pivometer.cameras.rig import Rig
 from pivometer.errors import ShapeError
 from pivometer.geometry.rigid import RigidTransform, cross_matrix
+from pivometer.rcm.least_squares import least_squares_rcm
 from pivometer.uncertainty.carried_edges import (
     EdgePoints,
     lines_of,
@@ -141,11 +142,11 @@ def board_frame_uncertainty(
     count = root.shape[1]
     jacobian = jacobian_by_differences(outcome, np.zeros(count), np.ones(count))
     shared = jacobian @ jacobian.T
-    rcm = rcm_of_points(points, rig)
+    lines = lines_of(points, rig)
+    rcm = least_squares_rcm(*lines)
     turned = pose.rotation.T
     arm = rcm.point_mm - pose.translation_mm
     lever = turned @ np.concatenate([cross_matrix(arm), -np.eye(3)], axis=1)
-    lines = lines_of(points, rig)
     told = scatter(rcm, *lines)
     shading = turned @ common_location(lines[1], displacements_of(points, rig, rcm.point_mm))
     uncertainty = _combined(

@@ -158,28 +158,38 @@ def intrinsic_error(
     )
 
 
-def max_u(points_mm: ArrayLike, directions: ArrayLike, noise: Noise) -> float:
-    """Return the standard uncertainty of the largest miss from one noise, to first order, mm.
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseEffect:
+    """What one noise does to the misses.
 
     Parameters
     ----------
-    points_mm, directions, noise
-        As in `intrinsic_error`.
+    squares_mm2
+        The sum of squared misses that it alone shows on average, tr(RS), mm².
+    max_u_mm
+        The standard uncertainty of the largest miss from it, mm, to first order.
     """
-    lines = centred_lines(points_mm, directions)
-    return _max_u(lines, solve_minimax(lines), _turned(lines, noise.alone_mm2, noise.common_mm))
+
+    squares_mm2: float
+    max_u_mm: float
 
 
-def noise_squares(points_mm: ArrayLike, directions: ArrayLike, noise: Noise) -> float:
-    """Return the sum of squared misses that noise alone shows on average, tr(RS), mm².
+def noise_effects(
+    points_mm: ArrayLike, directions: ArrayLike, noises: Sequence[Noise]
+) -> tuple[NoiseEffect, ...]:
+    """Return what each of several noises does to the misses of the same lines.
 
     Parameters
     ----------
-    points_mm, directions, noise
+    points_mm, directions
         As in `intrinsic_error`.
+    noises
+        Each by itself.
     """
     lines = centred_lines(points_mm, directions)
-    return _traces(lines, _turned(lines, noise.alone_mm2, noise.common_mm))[0]
+    found = solve_minimax(lines)
+    turned = [_turned(lines, noise.alone_mm2, noise.common_mm) for noise in noises]
+    return tuple(NoiseEffect(_traces(lines, one)[0], _max_u(lines, found, one)) for one in turned)
 
 
 def _turned(lines: CentredLines, covariances_mm2: ArrayLike, common_mm: ArrayLike | None) -> Noise:
