@@ -18,10 +18,9 @@ LEAST_VARIANCE = 1e-12
 UNLIKELY = 0.001
 """Probability of a shift between two points, from which chance is not taken for its cause."""
 
-NEGLIGIBLE = 0.5
+NEGLIGIBLE = 0.1
 """Part of the location's standard uncertainty below which a shift is of no consequence, however
-well it is known: it would raise that uncertainty by an eighth. With some calibrations the point of
-a good robot shifts by up to 0.13 mm, more than the covariance explains (`benchmarks.refusals`)."""
+well it is known: it would raise that uncertainty by half a percent."""
 
 
 def weighted_rcm(
@@ -50,7 +49,8 @@ def weighted_rcm(
         others'; the part along the line does not count.
     common_mm
         Displacements of each line near the RCM by one standard uncertainty of each of r independent
-        sources that all lines share, such as the calibration, shape (n, 3, r), mm.
+        sources that all lines share, such as the calibration, shape (n, 3, r), mm. They must not
+        depend on what the lines miss: else those are favoured that make the misses small.
 
     Raises
     ------

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pivometer._arrays import Floats, checked
+from pivometer.cameras.model import Camera
 from pivometer.cameras.rig import Rig
 from pivometer.errors import ShapeError
 from pivometer.geometry.rigid import RigidTransform
@@ -94,6 +95,46 @@ def lines_of(groups: Sequence[SeenAlike], rig: Rig) -> tuple[Floats, Floats]:
             normals_of(group, rig), transforms_of(group, rig)
         )
     return points, directions
+
+
+def passing_through(
+    groups: Sequence[SeenAlike], rig: Rig, point_mm: Floats
+) -> tuple[SeenAlike, ...]:
+    """Return the points that would be seen if every line were moved, without a turn, to a point.
+
+    A raw point's ray passes the line at some place; that place is moved and seen again.
+    """
+    points, directions = lines_of(groups, rig)
+    feet = feet_of(points, directions, point_mm)
+    moved = []
+    for group in groups:
+        through, along, shift = (x[group.poses] for x in (points, directions, feet))
+        seen = tuple(
+            _seen_again(px, rig.cameras[i], rig.reference_from_camera[i], through, along, shift)
+            for px, i in zip(group.points_px, group.cameras, strict=True)
+        )
+        moved.append(SeenAlike(group.poses, group.cameras, seen))
+    return tuple(moved)
+
+
+def _seen_again(
+    points_px: Floats,
+    camera: Camera,
+    reference_from_camera: RigidTransform,
+    through: Floats,
+    along: Floats,
+    shift: Floats,
+) -> Floats:
+    """Return where points (n, 2, m, 2) are seen after what they show is moved by −shift (n, 3)."""
+    normalized = camera.normalized_from_pixels(points_px)
+    rays = np.concatenate([normalized, np.ones_like(normalized[..., :1])], axis=-1)
+    camera_from_reference = reference_from_camera.inverse()
+    base = (camera_from_reference @ through)[:, None, None]
+    axis = camera_from_reference.rotate(along)[:, None, None]
+    off = rays - np.vecdot(rays, axis)[..., None] * axis  # the camera's centre is the origin
+    depth = np.vecdot(off, base) / np.vecdot(off, off)
+    moved = depth[..., None] * rays - camera_from_reference.rotate(shift)[:, None, None]
+    return camera.project(moved)
 
 
 def normals_of(group: SeenAlike, rig: Rig) -> Floats:

@@ -20,6 +20,7 @@ from pivometer.uncertainty.carried_edges import (
     SeenAlike,
     feet_of,
     lines_of,
+    passing_through,
     rcm_of_points,
     thinned_points,
 )
@@ -222,7 +223,12 @@ def common_location(directions: Floats, displacements_mm: Floats) -> Floats:
 
 
 def calibration_displacements(
-    edges: Sequence[Sequence[EdgePoints]], rig: Rig, rig_covariance: ArrayLike, point_mm: ArrayLike
+    edges: Sequence[Sequence[EdgePoints]],
+    rig: Rig,
+    rig_covariance: ArrayLike,
+    point_mm: ArrayLike,
+    *,
+    of_misses: bool = True,
 ) -> Floats:
     """Return how far the calibration's uncertainty moves each line near a point.
 
@@ -232,6 +238,10 @@ def calibration_displacements(
         As in `location_uncertainty`.
     point_mm
         Where the lines pass, shape (3,), mm: the RCM.
+    of_misses
+        Whether what the lines miss the point by is displaced, too: a calibration whose unit of
+        length is wrong scales it. An estimate *from* the misses must do without: it would find the
+        unit of length that makes them small.
 
     Returns
     -------
@@ -244,6 +254,8 @@ def calibration_displacements(
     root = square_root(checked(rig_covariance, (size, size), "rig_covariance"))
     points = thinned_points(edges, [camera.name for camera in rig.cameras])
     at = checked(point_mm, (3,), "point_mm")
+    if not of_misses:
+        points = passing_through(points, rig, at)
 
     def feet(independent: Floats) -> Floats:
         return feet_of(*lines_of(points, rig.perturbed(root @ independent)), at).ravel()
