@@ -189,9 +189,9 @@ def judged(lines: Lines, rig: Rig, sigma: Floats, rcm_mm: Floats, truth: object)
         common_mm=noise.common_mm,
         possible=errors.possible(),
     )
-    weighted = weighted_rcm(
-        lines.points, lines.directions, noise.alone_mm2, common_mm=errors.common_mm
-    )
+    known = calibration_displacements(lines.edges, rig, sigma, point, of_misses=False)
+    common = np.concatenate([known, errors.shading_mm], axis=2)
+    weighted = weighted_rcm(lines.points, lines.directions, noise.alone_mm2, common_mm=common)
     freedom = stated.degrees_of_freedom
     rms, largest = truth.least_squares.rms_mm, truth.minimax.max_mm  # type: ignore[attr-defined]
     return [
