@@ -17,7 +17,7 @@ from pivometer.io.images import Image
 EXTENSIONS = frozenset({".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".webm"})
 """File name endings of videos, in lower case."""
 
-_STEP = "convert it, for instance to MJPEG in .avi, or save its frames as PNG images"
+_STEP = "convert it without loss, for instance to FFV1 in .mkv, or save its frames as PNG images"
 
 
 def frame_count(path: Path) -> int:

@@ -206,7 +206,8 @@ def _moved_finding(shaft: ShaftAgreement) -> Finding | None:
             "the cameras do not stand, or their lenses are not, as the calibration says: the edges "
             "of all poses belong to one cylinder only with cameras elsewhere "
             f"(χ² {shaft.moved.chi_square:.0f}, by chance under {shaft.moved.limit:.0f})",
-            "calibrate anew, with the cameras as they stood for the shaft images",
+            "calibrate anew, with the cameras as they stood for the shaft images; if these are "
+            "compressed with loss, take them without, since that shifts edges, too",
         )
     return None
 
