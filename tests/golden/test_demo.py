@@ -198,7 +198,7 @@ def test_without_the_session_it_says_what_it_could_not_check(outcome, tmp_path):
 def test_a_page_of_another_version_is_not_compared(outcome, monkeypatch):
     from pivometer.pipeline import examining
 
-    monkeypatch.setattr(examining, "SOFTWARE", "pivometer 9.9")
+    monkeypatch.setattr(examining, "software", lambda: "pivometer 9.9")
     found = pipeline.verify(outcome.report, file_only=True)
     assert status(found)["the displayed figures"] == "not checked"
     assert found.exit_code == 5

@@ -157,7 +157,9 @@ def test_the_weighted_point_moves_by_what_it_states(view, rig, rig_covariance, o
     for seed in range(sessions):
         wrong = rig.perturbed(root @ np.random.default_rng([seed, 5]).standard_normal(18))
         edges = view(200, miss_mm=0.05, seed=seed)
-        lines = carried_edges.lines_of(carried_edges.thinned_points(edges, ["left", "right"]), wrong)
+        lines = carried_edges.lines_of(
+            carried_edges.thinned_points(edges, ["left", "right"]), wrong
+        )
         at = least_squares_rcm(*lines).point_mm
         common = calibration_displacements(edges, wrong, rig_covariance, at, of_misses=of_misses)
         found = weighted_rcm(*lines, known, common_mm=common)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from pivometer._version import SOFTWARE
+from pivometer._version import software
 from pivometer.errors import PivometerError, UsageError
 from pivometer.io.result import RESULT_SCHEMA, SEAL, measurement_in, seal_of, text_of
 from pivometer.measurement import Measurement
@@ -180,7 +180,7 @@ def _opened_report(report: Report, redrawn: Callable[[], Examined]) -> Opened:
     examined = (
         _bytes("the carried result", report.content, report.texts[RESULT]),
         _pictures(report),
-        redrawn() if report.measurement.software == SOFTWARE else _other_version(report),
+        redrawn() if report.measurement.software == software() else _other_version(report),
     )
     return Opened(report.content, report.measurement, examined, report)
 
@@ -203,7 +203,7 @@ def _drawn(difference: str, same: str) -> Examined:
 
 def _other_version(report: Report) -> Examined:
     stated = report.measurement.software
-    text = f"drawn by {stated}, and this is {SOFTWARE}: install that version to compare them"
+    text = f"drawn by {stated}, and this is {software()}: install that version to compare them"
     return Examined(_DRAWN, "not checked", text)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer._version import SOFTWARE
+from pivometer._version import software
 from pivometer.calibration import Calibration
 from pivometer.cameras import Rig
 from pivometer.cameras.distortion import DistortionModel
@@ -422,7 +422,7 @@ def _measurement(
             notes=session.notes,
         ),
         inputs=inputs,
-        software=SOFTWARE,
+        software=software(),
     )
 
 

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from pivometer._version import __version__
+from pivometer._version import build
 from pivometer.errors import SessionError
 from pivometer.io.exclusions import FILE_NAME as EXCLUSIONS
 from pivometer.io.session import Session
@@ -19,7 +19,7 @@ def provenance_now(options: Options | None = None, *, command: str) -> Provenanc
     """State the moment, the command and the versions of what takes part in a result."""
     packages = ("numpy", "scipy", "opencv-python-headless")
     versions = {
-        "pivometer": __version__,
+        "pivometer": build(),
         "Python": platform.python_version(),
         **{name: version(name) for name in packages},
     }

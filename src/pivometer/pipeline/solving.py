@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pivometer._version import SOFTWARE
+from pivometer._version import software
 from pivometer.io.atomic import write_files
 from pivometer.io.codec import json_text, jsonable
 from pivometer.io.lines import Lines, read_lines
@@ -137,7 +137,7 @@ def write_solution(solved: SolvedLines, folder: Path | str) -> Path:
     """
     content = {
         "schema": RCM_SCHEMA,
-        "software": SOFTWARE,
+        "software": software(),
         "inputs": {solved.lines.source: solved.lines.sha256},
         "lines": list(solved.lines.names),
         "rcm": jsonable(solved.rcm),
@@ -185,7 +185,7 @@ def write_pivot(solved: SolvedPoses, folder: Path | str) -> Path:
     """Write ``pivot.json`` into a folder, whole or not at all, and return its path."""
     content = {
         "schema": PIVOT_SCHEMA,
-        "software": SOFTWARE,
+        "software": software(),
         "inputs": {solved.poses.source: solved.poses.sha256},
         "pivot": jsonable(solved.pivot),
         "findings": jsonable(solved.findings),

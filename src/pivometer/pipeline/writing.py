@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from pivometer._version import SOFTWARE
+from pivometer._version import software
 from pivometer.calibration import Board, Calibration
 from pivometer.io.atomic import write_file, write_files
 from pivometer.io.result import centerlines_csv, rig_text
@@ -25,7 +25,7 @@ from pivometer.report.plots import figure_files
 
 def write_calibration(calibration: Calibration, folder: Path | str) -> Path:
     """Write ``rig.json`` into a folder, whole or not at all, and return its path."""
-    text = rig_text(calibration, software=SOFTWARE)
+    text = rig_text(calibration, software=software())
     return write_files(folder, {"rig.json": text})["rig.json"]
 
 
@@ -70,7 +70,7 @@ def write_measurement(
         {
             "result.json": report.texts[RESULT],
             "centerlines.csv": centerlines_csv(measurement),
-            "rig.json": rig_text(measurement.calibration, software=SOFTWARE),
+            "rig.json": rig_text(measurement.calibration, software=software()),
             "report.html": page_of(report),
             **({"report.pdf": pdf_of(report)} if pdf_extra_is_there() else {}),
         },
