@@ -42,6 +42,9 @@ MOST_ACTIVE = 12
 JUMP_STEPS = 10
 """From an early guess 4 to 5 are usual, from a close one 3."""
 
+LAST_JUMP = 1e-15
+"""Square of a length below which a step is the last: the next would be the square of it."""
+
 LONGEST_JUMP = 1e12
 """Square of a length beyond which Newton's method has left for nowhere: lines are refused as
 parallel before the optimum can be as far."""
@@ -238,8 +241,10 @@ class Constraints:
             rows[:, :3] = misses = self.misses(unknowns[:3])
             costs = 0.5 * np.vecdot(misses, misses)
             worst = costs.argmax()
-            settled = step_number == 0 or costs[worst] <= unknowns[3] * (1 + 1e-13)
-            if not settled and worst not in active:
+            settled = (
+                step_number == 0 or worst in active or costs[worst] <= unknowns[3] * (1 + 1e-13)
+            )
+            if not settled:
                 active, weights = np.append(active, worst), np.append(weights, 0.0)
             curvature = (weights @ self.projectors.reshape(-1, 9)[active]).reshape(3, 3)
             matrix, lack = _conditions(
@@ -253,7 +258,7 @@ class Constraints:
             if weights.min() < 0:
                 kept = weights > 0
                 active, weights = active[kept], weights[kept] / weights[kept].sum()
-            elif settled and size < 1e-18:
+            elif settled and size < LAST_JUMP:
                 break
         return unknowns, weights, active
 
