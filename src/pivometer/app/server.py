@@ -62,18 +62,19 @@ def serve(folder: Path, *, port: int, browser: bool) -> None:
     app.config.quasar_config["loadingBar"]["skipHijack"] = True
     app.on_startup(started)
     app.on_shutdown(stopped)
-    ui.run(
-        host=HOST,
-        port=port,
-        title="Pivometer",
-        dark=None,
-        language="en-US",
-        reload=False,
-        show=False,
-        show_welcome_message=False,
-        gzip_middleware_factory=None,
-        favicon=Path(__file__).parent / "icon.svg",
-    )
+    with contextlib.suppress(KeyboardInterrupt):  # stopped as it says, after all is closed
+        ui.run(
+            host=HOST,
+            port=port,
+            title="Pivometer",
+            dark=None,
+            language="en-US",
+            reload=False,
+            show=False,
+            show_welcome_message=False,
+            gzip_middleware_factory=None,
+            favicon=Path(__file__).parent / "icon.svg",
+        )
 
 
 def _add_pages(work: Work, watcher: Watcher) -> None:

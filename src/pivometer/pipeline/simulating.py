@@ -19,9 +19,13 @@ from pivometer.pipeline.measuring import measure
 from pivometer.pipeline.reading import Progress
 from pivometer.pipeline.writing import write_measurement
 from pivometer.rcm import RcmSolution, solve
+from pivometer.rcm.geometry_check import FEWEST_POSES_ADVISED
 from pivometer.report.embedding import SimulatedTruth
 from pivometer.simulation.session import poses_csv
 from pivometer.uncertainty import lies_within
+
+DEMO = {"poses": FEWEST_POSES_ADVISED, "board_pairs": 12, "single_views": 6}
+"""What the demo shows: as few poses as `check` takes, and board views for a sound calibration."""
 
 
 def simulate(
@@ -103,7 +107,7 @@ def demo(folder: Path | str, *, progress: Progress | None = None) -> DemoOutcome
     progress
         Called as ``progress(stage, done, total)``.
     """
-    root = simulate("gold", folder, poses=16, board_pairs=12, single_views=6, progress=progress)
+    root = simulate("gold", folder, **DEMO, progress=progress)
     session = load(root)
     measured = measure(session, progress=progress)
     truth = true_rcm(root, poses=[pose.pose for pose in measured.used])
