@@ -4,6 +4,7 @@ One function serves every model: coefficients are in OpenCV's order k₁ k₂ p�
 model is how many of them it has, counted from the first. The paper's β₁ and β₂ are k₁ and k₂.
 """
 
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -151,7 +152,14 @@ def fold_radius(coefficients: ArrayLike) -> float:
     >>> fold_radius([0.1, 0.0])
     inf
     """
-    k1, k2, _, _, k3, k4, k5, k6 = full_length(checked(coefficients, (None,), "distortion"))
+    k = full_length(checked(coefficients, (None,), "distortion"))
+    return _fold(*k.tolist())
+
+
+@lru_cache(maxsize=64)
+def _fold(*k: float) -> float:
+    """Return the fold of a full set of coefficients; a camera's is asked for with each edge."""
+    k1, k2, _, _, k3, k4, k5, k6 = k
     above, below = np.array([1, k1, k2, k3]), np.array([1, k4, k5, k6])
     power = 2 * np.arange(4)
     # d(r N/D)/dr = 0 is (N + 2sN')D − 2sND' = 0 with s = r²; a pole, D = 0, ends the lens as well

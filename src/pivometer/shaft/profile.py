@@ -20,7 +20,7 @@ import numpy as np
 from pivometer._arrays import Floats
 
 TABLE_STEP_PX = 0.05
-"""Sampling of the blurred limb; linear interpolation is then good to 1e-4 of its height."""
+"""Sampling of the blurred limb; from the nearest entry its series is good to 1e-5 of its height."""
 
 BLUR_STEP_PX, HALF_STEP, RANGE_PX = 0.02, 0.05, 8.0
 """Of the tables of limbs: in blur, in the half width's logarithm, and what their ends are whole
@@ -304,8 +304,8 @@ def limb(x: Floats, blur: float, half_width_px: Floats) -> tuple[Floats, Floats,
     """Return √(1 − ξ²) inside the edge, blurred, with its derivatives by distance and blur.
 
     From tables of half widths 5 % apart and blurs 0.02 px apart, which are kept: between half
-    widths it is interpolated, which changes it by 0.0002 of its height, and from the nearest blur
-    it goes on by the derivative.
+    widths it is interpolated, which changes it by 0.0002 of its height, and from the nearest
+    distance and blur it goes on by the derivatives.
 
     Parameters
     ----------
@@ -319,32 +319,34 @@ def limb(x: Floats, blur: float, half_width_px: Floats) -> tuple[Floats, Floats,
     least, largest = float(half_width_px.min()), float(half_width_px.max())
     low = int(np.floor(np.log(least) / HALF_STEP))
     high = max(low + 1, int(np.ceil(np.log(largest) / HALF_STEP)))
-    nearest = round(blur / BLUR_STEP_PX)
+    nearest = round(blur / BLUR_STEP_PX) * BLUR_STEP_PX
     first = float(np.floor(x.min() / RANGE_PX) * RANGE_PX)
     last = float(np.ceil(x.max() / RANGE_PX) * RANGE_PX)
-    narrow, wide = (
-        _limb_table(first, last, nearest * BLUR_STEP_PX, float(np.exp(k * HALF_STEP)))
-        for k in (low, high)
-    )
     ends = np.exp(low * HALF_STEP), np.exp(high * HALF_STEP)
-    tables = narrow + ((half_width_px - ends[0]) / (ends[1] - ends[0]))[:, None] * (wide - narrow)
-    at = (x - first) / TABLE_STEP_PX
-    index = at.astype(np.intp)
-    part = at - index
-    index += (np.arange(len(x)) * tables.shape[-1])[:, None]
-    values = []
-    for table in np.moveaxis(tables, 1, 0):
-        every = table.ravel()
-        value = every.take(index)
-        value += part * (every[1:].take(index) - value)
-        values.append(value)
-    value, slope, spread = values
-    return value + (blur - nearest * BLUR_STEP_PX) * spread, slope, spread
+    narrow, wide = (_limb_table(first, last, nearest, float(half)) for half in ends)
+    at = (x - first) * (1 / TABLE_STEP_PX)
+    index = (at + 0.5).astype(np.intp)
+    apart = (at - index) * TABLE_STEP_PX
+    wider = (half_width_px - ends[0]) / (ends[1] - ends[0])
+    value, slope, spread, twist = (
+        table.take(index) + wider * change.take(index)
+        for table, change in zip(narrow, wide - narrow, strict=True)
+    )
+    # Taylor's series to the entry; ∂²/∂x² is the derivative by the blur over the blur.
+    turn = apart * spread * (1 / nearest)
+    value += apart * (slope + 0.5 * turn)
+    slope += turn
+    spread += apart * twist
+    value += (blur - nearest) * spread
+    return value, slope, spread
 
 
 @lru_cache(maxsize=256)
 def _limb_table(first: float, last: float, blur: float, half_width_px: float) -> Floats:
-    """Return the blurred limb of one half width with its derivatives, from first on; (3, n)."""
+    """Return one half width's blurred limb from first on, shape (4, n).
+
+    With its derivatives by distance and blur, and that of the latter by distance.
+    """
     half = int(np.ceil(5 * blur / TABLE_STEP_PX))
     count = round((last - first) / TABLE_STEP_PX) + 2
     # The integral of the sharp limb is smooth at its end, so differences of it are exact cells.
@@ -354,7 +356,9 @@ def _limb_table(first: float, last: float, blur: float, half_width_px: float) ->
     t = np.arange(-half, half + 1) * TABLE_STEP_PX
     kernel = np.exp(-0.5 * (t / blur) ** 2)
     kernel /= kernel.sum()
-    weights = (kernel, -kernel * t / blur**2, kernel * (t**2 / blur**2 - 1) / blur)
+    z = t / blur
+    twist = kernel * z * (3 - z**2) / blur**2
+    weights = (kernel, -kernel * z / blur, kernel * (z**2 - 1) / blur, twist)
     return np.stack([np.convolve(sharp, weight, mode="valid") for weight in weights])
 
 

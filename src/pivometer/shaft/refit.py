@@ -51,17 +51,15 @@ def _best_fit(along: Floats, across: Floats, second: NDArray[np.intp]) -> tuple[
     """Return the best window's fit and which stations of the run lie on each edge's line."""
     design = _design(along, second)
     stations = np.clip(((along + 1) / 2 * STATIONS).astype(np.intp), 0, STATIONS - 1)
-    best = np.zeros(5), np.zeros((2, STATIONS))
-    for begin, end in WINDOWS:
-        inside = (along >= 2 * begin - 1) & (along <= 2 * end - 1)
-        fit = _robust_fit(design[inside], across[inside], np.zeros(5), (1.5, 1.0, 0.6, 0.6))
-        fit = _robust_fit(design, across, fit, (FOCUS_PX,) * 3)
-        supported = np.zeros((2, STATIONS))
-        on = np.abs(across - design @ fit) < INLIER_PX
-        supported[second[on], stations[on]] = 1.0
-        if supported.sum() > best[1].sum():
-            best = fit, supported
-    return best
+    begin, end = 2 * np.array(WINDOWS).T[..., None] - 1
+    inside = ((along >= begin) & (along <= end)).astype(np.float64)
+    fits = _robust_fits(design, across, inside, np.zeros((len(WINDOWS), 5)), (1.5, 1.0, 0.6, 0.6))
+    fits = _robust_fits(design, across, np.ones_like(inside), fits, (FOCUS_PX,) * 3)
+    window, on = np.nonzero(np.abs(across - fits @ design.T) < INLIER_PX)
+    supported = np.zeros((len(WINDOWS), 2, STATIONS))
+    supported[window, second[on], stations[on]] = 1.0
+    best = int(supported.sum(axis=(1, 2)).argmax())
+    return fits[best], supported[best]
 
 
 def _near(
@@ -77,13 +75,17 @@ def _near(
     return along[near], across[near]
 
 
-def _robust_fit(design: Floats, across: Floats, fit: Floats, focuses: tuple[float, ...]) -> Floats:
-    """Fit most of the pixels, from a start; only the bow is held back a little."""
+def _robust_fits(
+    design: Floats, across: Floats, inside: Floats, fits: Floats, focuses: tuple[float, ...]
+) -> Floats:
+    """Fit most of each window's pixels (w, n) from starts (w, 5); the bow is held a little."""
+    held = np.diag([0.01, 0.01, 0.01, 0.01, 6.0])
     for focus in focuses:
-        weighted = design * np.exp(-0.5 * ((across - design @ fit) / focus) ** 2)[:, None]
-        held = weighted.T @ design + np.diag([0.01, 0.01, 0.01, 0.01, 6.0])
-        fit = np.asarray(np.linalg.solve(held, weighted.T @ across), dtype=np.float64)
-    return fit
+        weights = inside * np.exp(-0.5 * ((across - fits @ design.T) / focus) ** 2)
+        weighted = weights[:, None] * design.T
+        right = (weighted @ across)[..., None]
+        fits = np.asarray(np.linalg.solve(weighted @ design + held, right)[..., 0])
+    return fits
 
 
 def _common_part(supported: Floats) -> tuple[float, float]:
