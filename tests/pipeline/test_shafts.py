@@ -12,6 +12,7 @@ from pivometer.errors import ImageError, SessionError
 from pivometer.io.session import load
 from pivometer.pipeline import shafts
 from pivometer.pipeline.shafts import camera_shafts
+from pivometer.shaft.backdrop import backdrop_of
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.hint import ShaftHint
 
@@ -175,3 +176,41 @@ def test_a_wrong_hint_is_named(root: Path, line: str, message: str) -> None:
     (root / "session.toml").write_text(f"{TOML}[shaft.hint]\n{line}\n", encoding="utf-8")
     with pytest.raises(SessionError, match=message):
         load(root)
+
+
+def metal(place: int, room: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Draw a shaft as bright as the clutter behind it, brighter towards its axis."""
+    image = room.copy()
+    for width, grey in ((16, 90), (11, 110), (5, 130)):
+        image = np.asarray(cv2.line(image, PIVOT, (place, 0), grey, width, cv2.LINE_AA))
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), 0.7), dtype=np.uint8)
+
+
+def test_what_stands_behind_the_shaft_is_found_out_once_and_only_where_needed(
+    root: Path, tmp_path_factory, monkeypatch
+) -> None:
+    asked = []
+
+    def counting(*given: object) -> object:
+        asked.append(given)
+        return backdrop_of(*given)
+
+    monkeypatch.setattr(shafts, "backdrop_of", counting)
+    assert len(edges_of(image_session(root, FRAMES))) == 6
+    assert not asked  # flat levels before a plain background
+    rng = np.random.default_rng(5)
+    room = np.full((240, 320), 80, dtype=np.uint8)
+    for _ in range(150):
+        x, y = rng.integers(0, 320), rng.integers(0, 240)
+        cv2.circle(room, (int(x), int(y)), int(rng.integers(3, 15)), int(rng.integers(20, 150)), -1)
+    other = tmp_path_factory.mktemp("metal")
+    (other / "session.toml").write_text(TOML, encoding="utf-8")
+    frames = [metal(x, room) for x in range(15, 310, 13)]
+    told = edges_of(image_session(other, frames))
+    assert len(asked) == 1
+    monkeypatch.setattr(shafts, "backdrop_of", lambda *_: None)
+    untold = edges_of(other)
+    assert told.keys() == untold.keys()
+    widths = [np.array([e.width_px for e in edges.values()]) for edges in (told, untold)]
+    spread = [np.median(np.abs(w - np.median(w))) for w in widths]
+    assert spread[0] < spread[1] / 2, spread

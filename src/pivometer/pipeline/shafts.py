@@ -9,17 +9,26 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from threading import Lock
 
 import numpy as np
 
+from pivometer._arrays import Floats
 from pivometer.cameras import Camera, Rig
 from pivometer.errors import DataError, ShaftNotFoundError
 from pivometer.io.images import HashedImage, Image
 from pivometer.io.session import ImageFile, Session
 from pivometer.pipeline.reading import Progress, ReadImage, hashes, streamed, usable
+from pivometer.shaft.backdrop import backdrop_of
 from pivometer.shaft.background import sampled
 from pivometer.shaft.concurrence import agreed_finders
-from pivometer.shaft.detection import MOST_SAMPLES, SeedRejection, ShaftFinder, learn_shaft
+from pivometer.shaft.detection import (
+    MOST_SAMPLES,
+    SeedRejection,
+    ShaftFinder,
+    ShaftSeed,
+    learn_shaft,
+)
 from pivometer.shaft.edges import ShaftEdges, fit_edges
 from pivometer.shaft.hint import ShaftHint
 
@@ -85,6 +94,9 @@ class _Look:
         self._background, self._inputs = _background(session, camera)
         self.first = _FirstPass(self._files, camera, progress)
         self.finder = self.first.learned(self._background, hint)
+        self._seeds: dict[str, ShaftSeed | SeedRejection] = {}
+        self._told: list[Floats | None] = []
+        self._telling = Lock()
 
     def shafts(self) -> CameraShafts:
         """Find and fit the shaft in all frames."""
@@ -97,9 +109,45 @@ class _Look:
         return CameraShafts(outcomes, inputs, None if self.finder is None else self.finder.warning)
 
     def _edges(self, frame: ReadImage) -> tuple[dict[str, str], ShaftEdges | DataError]:
-        sample = self.first.samples.get(frame.file.view)
-        found = _edges(frame, self.camera, self.finder, sample, self._background)
-        return hashes([frame]), found
+        """Find and fit the shaft's edges in one frame, or say what went wrong."""
+        return hashes([frame]), self._fitted(frame)
+
+    def _fitted(self, frame: ReadImage) -> ShaftEdges | DataError:
+        try:
+            image = usable(frame, (self.camera.width, self.camera.height))
+            if self.finder is None:
+                return ShaftNotFoundError(_NO_SAMPLE, next_step=SHAFT_ADVICE)
+            seed = self._seed(self.finder, frame.file.view, image)
+            if isinstance(seed, SeedRejection):
+                return ShaftNotFoundError(seed.reason, next_step=SHAFT_ADVICE)
+            return fit_edges(
+                image, self.camera, seed, background=self._background, backdrop=self._backdrop
+            )
+        except DataError as error:
+            return error.with_traceback(None)  # which would keep the image
+
+    def _seed(self, finder: ShaftFinder, view: str, image: Image) -> ShaftSeed | SeedRejection:
+        if view not in self._seeds:
+            self._seeds[view] = finder.find(image, sample=self.first.samples.get(view))
+        return self._seeds[view]
+
+    def _backdrop(self) -> Floats | None:
+        """Return what the frames that are kept show behind the shaft; found out once."""
+        with self._telling:
+            if not self._told:
+                self._told.append(self._found_backdrop())
+            return self._told[0]
+
+    def _found_backdrop(self) -> Floats | None:
+        images, shafts = [], []
+        for view in (view for view in self.first.samples if view in self.first.kept):
+            outcome = self.first.kept[view].outcome
+            if self.finder is not None and isinstance(outcome, HashedImage):
+                seed = self._seed(self.finder, view, outcome.image)
+                if isinstance(seed, ShaftSeed):
+                    images.append(outcome.image)
+                    shafts.append(seed.edges_px)
+        return backdrop_of(images, shafts)
 
 
 def _pose(view: str) -> str:
@@ -145,26 +193,6 @@ class _FirstPass:
 
 def _same(frame: ReadImage) -> ReadImage:
     return frame
-
-
-def _edges(
-    frame: ReadImage,
-    camera: Camera,
-    finder: ShaftFinder | None,
-    sample: int | None,
-    background: Image | None,
-) -> ShaftEdges | DataError:
-    """Find and fit the shaft's edges in one frame, or say what went wrong."""
-    try:
-        image = usable(frame, (camera.width, camera.height))
-        if finder is None:
-            return ShaftNotFoundError(_NO_SAMPLE, next_step=SHAFT_ADVICE)
-        seed = finder.find(image, sample=sample)
-        if isinstance(seed, SeedRejection):
-            return ShaftNotFoundError(seed.reason, next_step=SHAFT_ADVICE)
-        return fit_edges(image, camera, seed, background=background)
-    except DataError as error:
-        return error.with_traceback(None)  # which would keep the image
 
 
 _NO_SAMPLE = "none of the frames looked at first can be used, so what moves is unknown"

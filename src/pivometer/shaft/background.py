@@ -131,8 +131,8 @@ def static_scene(
     The noise is that of `frame`'s gradient about the median's; by default the middle copy's.
     """
     stack = np.stack([gradient(copy) for copy in copies])
-    still = _median(stack).astype(np.int16)
-    grey = _median(np.stack(copies)).astype(np.uint16)
+    still = layered_median(stack).astype(np.int16)
+    grey = layered_median(np.stack(copies)).astype(np.uint16)
     other = stack[len(copies) // 2] if frame is None else gradient(frame)
     noise = 1.4826 * float(np.median(np.abs(other.astype(np.int32) - still)))
     return StaticScene(still, grey, max(FLOOR, NOISE_FACTOR * noise))
@@ -146,8 +146,8 @@ def unknown_scene(copy: NDArray[np.uint16]) -> StaticScene:
     return StaticScene(np.zeros_like(slopes), np.zeros_like(copy), threshold)
 
 
-def _median(stack: NDArray[np.int16] | NDArray[np.uint16]) -> Floats:
-    """Median over the first axis, a strip of rows at a time."""
+def layered_median(stack: NDArray[np.int16] | NDArray[np.uint16]) -> Floats:
+    """Return the median over the first axis, a strip of rows at a time."""
     rows = stack.shape[-2]
     strips = [_strip_median(stack[..., k : k + 16, :]) for k in range(0, rows, 16)]
     return np.concatenate(strips, axis=-2)

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pivometer._arrays import Floats, checked
 from pivometer.cameras.model import Camera
 from pivometer.errors import ShapeError
-from pivometer.shaft.band_map import band_map
+from pivometer.shaft.backdrop import filled
+from pivometer.shaft.band_map import BandMap, band_map
 from pivometer.shaft.banded import fit_banded
-from pivometer.shaft.bands import edge_lines, is_upright, width_px
+from pivometer.shaft.bands import EdgeLine, edge_lines, is_upright, width_px
 from pivometer.shaft.defocused import fit_defocused
 from pivometer.shaft.detection import ShaftSeed
-from pivometer.shaft.fitted import ShaftEdges, shaft_edges
-from pivometer.shaft.ladder import fit_ladder
+from pivometer.shaft.fitted import FittedEdges, ShaftEdges, shaft_edges
+from pivometer.shaft.ladder import CLEAN_PART, fit_ladder
 from pivometer.shaft.plain import fit_plain
 from pivometer.shaft.refusals import refuse_fit, refuse_outside, refuse_width, strays
 from pivometer.shaft.search import found_lines
@@ -84,6 +87,7 @@ def fit_edges(
     seed: ShaftSeed,
     *,
     background: ArrayLike | None = None,
+    backdrop: Callable[[], Floats | None] | None = None,
 ) -> ShaftEdges:
     """Return both edges of a shaft by maximum likelihood on the raw pixels beside them.
 
@@ -103,6 +107,9 @@ def fit_edges(
     background
         An empty frame: the same view without the shaft, same shape. Before clutter it makes edges
         far more certain.
+    backdrop
+        Gives what the session's own frames tell of that, as `backdrop.backdrop_of`; asked only
+        where a shaded shaft stands before clutter.
 
     Returns
     -------
@@ -139,14 +146,35 @@ def fit_edges(
         fitted = fit_banded(turned, (maps[0], maps[1]), start)
     if fitted is None:
         empty = None if background is None else _pixels(background, camera)
-        empty = empty if empty is None or upright else empty.T
-        fitted = fit_ladder(turned, (maps[0], maps[1]), start, empty)
+
+        def told() -> Floats | None:
+            seen = None if backdrop is None else backdrop()
+            seen = seen if empty is None else filled(seen, empty)
+            return seen if seen is None or upright else seen.T
+
+        fitted = _fit_round(turned, (maps[0], maps[1]), start, told, clean=empty is None)
     if fitted is None or strays(fitted):
         fitted = fit_shaded(pixels, camera, start, FIRST_BLUR_PX)
         blur = float(fitted.parameters[4])
         fitted = fit_defocused(turned, (maps[0], maps[1]), start, blur) or fitted
     refuse_fit(camera, fitted, first)
     return shaft_edges(camera, fitted)
+
+
+def _fit_round(
+    turned: NDArray[np.generic],
+    maps: tuple[BandMap, BandMap],
+    start: tuple[EdgeLine, EdgeLine],
+    behind: Callable[[], Floats | None],
+    *,
+    clean: bool,
+) -> FittedEdges | None:
+    """Return a shaded shaft's edges: before clutter, where `behind` tells what that is."""
+    fitted = fit_ladder(turned, maps, start, cluttered=CLEAN_PART) if clean else None
+    told = behind() if fitted is None else None
+    if fitted is None and told is not None:
+        fitted = fit_ladder(turned, maps, start, told)
+    return fitted or (fit_ladder(turned, maps, start) if clean else None)
 
 
 def _pixels(image: ArrayLike, camera: Camera) -> NDArray[np.generic]:

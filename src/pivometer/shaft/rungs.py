@@ -21,7 +21,7 @@ from pivometer.shaft.strip import CHUNK_ROWS
 OUT, OUT_RAMP, IN, RAMP, LIMB = range(5)
 
 BIN_PX = 0.5
-FULL_BIN = 60
+FULL_BIN = 20
 """Residuals are averaged across the edge in bins; those with fewer pixels are left out."""
 
 
@@ -51,7 +51,7 @@ class Rest:
     information, gradient
         Normal equations of (offset, tilt, blur), grey levels², shapes (chunks, 3, 3), (chunks, 3).
     contrast
-        Outside less inside level at the edge, shape (chunks,).
+        Grey step at the edge without sign, mean over each chunk, shape (chunks,).
     x_px, count
         Distance of each sample, and its number of pixels within the window, shape (chunks, p).
     residual
@@ -120,12 +120,13 @@ def evaluate(samples: Samples, rung: Rung, parameters: Floats, widen: float) -> 
     x, count, lever = x[:, cut], count[:, cut], samples.lever[:, cut]
     root = np.sqrt(count)
     values, slopes, spreads = _terms(x, blur, samples, rung, cut)
+    behind = None if samples.behind is None else samples.behind.grey[:, cut]
     values *= root[:, None]
     gram = values @ np.swapaxes(values, -1, -2)
     size = np.trace(gram, axis1=-2, axis2=-1)[:, None, None]
     gram += (1e-9 * size + 1e-9) * np.eye(len(rung.terms))
     grey = root * samples.grey[:, cut]
-    levels = np.linalg.solve(gram, values @ grey[..., None])
+    levels = np.asarray(np.linalg.solve(gram, values @ grey[..., None]), dtype=np.float64)
     row = np.swapaxes(levels, -1, -2)
     columns = np.empty((len(values), 4, values.shape[-1]))
     np.multiply((row @ slopes)[:, 0], -samples.scale * root, out=columns[:, 0])
@@ -138,7 +139,7 @@ def evaluate(samples: Samples, rung: Rung, parameters: Floats, widen: float) -> 
     return Rest(
         information=rest[:, :3, :3],
         gradient=rest[:, :3, 3],
-        contrast=levels[:, 0, 0] - levels[:, rung.terms.index(IN), 0],
+        contrast=_contrast(np.abs(x) < blur, count, levels[..., 0], rung, behind),
         x_px=x,
         count=count,
         residual=columns[:, 3],
@@ -146,6 +147,20 @@ def evaluate(samples: Samples, rung: Rung, parameters: Floats, widen: float) -> 
         edge=samples.edge,
         terms=len(rung.terms),
     )
+
+
+def _contrast(
+    near: NDArray[np.bool_], count: Floats, levels: Floats, rung: Rung, behind: Floats | None
+) -> Floats:
+    """Return the mean grey step of each chunk; before clutter it differs from row to row."""
+    inside = levels[:, rung.terms.index(IN)]
+    if behind is None:
+        return np.abs(levels[:, 0] - inside)
+    shift = levels[:, rung.terms.index(OUT_RAMP)] if OUT_RAMP in rung.terms else 0.0
+    weights = count * near
+    steps = np.abs(levels[:, :1] * behind + (shift - inside)[:, None])
+    total: Floats = (weights * steps).sum(axis=1) / np.maximum(weights.sum(axis=1), 1)
+    return total
 
 
 def _terms(
