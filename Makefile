@@ -9,7 +9,7 @@ endif
 READY := .venv/ready
 DEMO ?= pivometer-demo
 
-.PHONY: demo test check format lock bench clean
+.PHONY: demo test check docs format lock bench clean
 
 demo: $(READY)  ## render a small session, measure it, write the report
 	$(BIN)/pivometer demo $(DEMO)
@@ -22,6 +22,9 @@ check: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+docs: $(READY)  ## build the documentation site: build/docs/index.html
+	$(BIN)/python -m sphinx -q -W --keep-going docs build/docs
 
 format: $(READY)  ## put the code in shape
 	$(BIN)/ruff format .
@@ -43,4 +46,4 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/python -c "open('$(READY)', 'w').close()"
 
 clean:
-	$(PYTHON) -c "import shutil; [shutil.rmtree(p, ignore_errors=True) for p in ('.venv', '$(DEMO)')]"
+	$(PYTHON) -c "import shutil; [shutil.rmtree(p, ignore_errors=True) for p in ('.venv', '$(DEMO)', 'build')]"

@@ -139,6 +139,7 @@ Example:  pivometer pivot poses.csv
 
 app.command(
     "pivometer.cli.checking:check",
+    help_epilogue="",  # the exit codes are its own
     help_prologue="""\
 Example:  pivometer check my-session --limit 0.5
           pivometer check results/result.json --limit 0.5 --junit check.xml
@@ -173,6 +174,7 @@ Example:  pivometer figures my-session/results/result.json figures/
 
 app.command(
     "pivometer.cli.verify:verify",
+    help_epilogue="",  # the exit codes are its own
     help_prologue="""\
 Example:  pivometer verify my-session/results/report.html
           pivometer verify report.html my-session
@@ -203,6 +205,7 @@ Example:  pivometer compare before-service after-service
 
 app.command(
     "pivometer.cli.history:history",
+    help_epilogue="",  # the exit codes are its own
     help_prologue="""\
 Example:  pivometer history all-sessions --output trend
 Exit codes: 0 the newest results are in line, 1 one is out of line, 2 wrong usage

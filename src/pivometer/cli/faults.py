@@ -6,7 +6,7 @@ from cyclopts import CycloptsError
 
 from pivometer.errors import PivometerError
 
-_USAGE, _INTERNAL, _INTERRUPTED = 2, 70, 130
+_USAGE, INTERNAL, INTERRUPTED = 2, 70, 130
 
 
 def fault_text(error: PivometerError) -> str:
@@ -41,7 +41,7 @@ def tell_usage(error: CycloptsError) -> int:
 
 def tell_interrupted() -> int:
     """Say that nothing was written after all."""
-    return _tell("interrupted: nothing was written", _INTERRUPTED)
+    return _tell("interrupted: nothing was written", INTERRUPTED)
 
 
 def tell_internal(error: Exception) -> int:
@@ -49,7 +49,7 @@ def tell_internal(error: Exception) -> int:
     return _tell(
         f"error: internal fault, {type(error).__name__}: {error}\n"
         "next:  run again with PIVOMETER_DEBUG=1 and report what it prints",
-        _INTERNAL,
+        INTERNAL,
     )
 
 

@@ -87,7 +87,7 @@ def _is_hint(value: object) -> bool:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Key:
+class Key:
     """What one key means, and which values it takes."""
 
     meaning: str
@@ -97,53 +97,53 @@ class _Key:
 
 
 _LENGTH = "a number above 0"
-_KEYS: dict[str, _Key] = {
-    "board.kind": _Key(
+KEYS: dict[str, Key] = {
+    "board.kind": Key(
         "kind of calibration board", '"checkerboard" or "charuco"', _is_text, required=True
     ),
-    "board.squares": _Key(
+    "board.squares": Key(
         "number of squares across and down, counting the outer ones",
         "two whole numbers of 3 or more, as in [9, 7]",
         lambda value: _is_squares(value) and 3 <= min(value) <= max(value) <= 1000,  # type: ignore[call-overload]
         required=True,
     ),
-    "board.square_mm": _Key("edge length of one square, mm", _LENGTH, _is_length, required=True),
-    "board.square_u_mm": _Key(
+    "board.square_mm": Key("edge length of one square, mm", _LENGTH, _is_length, required=True),
+    "board.square_u_mm": Key(
         "standard uncertainty of square_mm, mm", "a number above 0, below square_mm", _is_length
     ),
-    "board.dictionary": _Key(
+    "board.dictionary": Key(
         "ArUco dictionary of a ChArUco board", 'a name such as "DICT_4X4_50"', _is_text
     ),
-    "board.marker_mm": _Key(
+    "board.marker_mm": Key(
         "edge length of one ChArUco marker, mm", "a number above 0, below square_mm", _is_length
     ),
-    "board.form": _Key(
+    "board.form": Key(
         "what the board is taken for",
         '"flat", "bowed" or "free"',
         lambda value: value in get_args(BoardForm),
     ),
-    "shaft.diameter_mm": _Key("nominal diameter of the shaft, mm", _LENGTH, _is_length),
-    "shaft.hint": _Key(
+    "shaft.diameter_mm": Key("nominal diameter of the shaft, mm", _LENGTH, _is_length),
+    "shaft.hint": Key(
         "for each camera the pixel about which the shaft turns, and its width there",
         "[x, y] or [x, y, width] in pixels for each camera, as in left = [412, 300, 22]",
         _is_hints,
     ),
-    "cameras.names": _Key(
+    "cameras.names": Key(
         "folder names of the cameras", 'a list such as ["left", "right"]', _is_names
     ),
-    "cameras.reference": _Key(
+    "cameras.reference": Key(
         "camera whose frame all results are in", 'the name of one camera, as in "left"', _is_text
     ),
-    "notes": _Key("free text", "text", lambda value: isinstance(value, str)),
+    "notes": Key("free text", "text", lambda value: isinstance(value, str)),
 }
-_TABLES = {
+TABLES = {
     "board": "the calibration board",
     "shaft": "the instrument's shaft",
     "cameras": "the cameras",
     "device": "free-form facts about the robot",
     "operator": "free-form facts about who measured",
 }
-_FREE = ("device", "operator")
+FREE_TABLES = ("device", "operator")
 
 
 def read_settings(path: Path) -> Settings:
@@ -221,13 +221,13 @@ def _problems(content: Mapping[str, object]) -> Iterator[tuple[str, str]]:
     """Yield (key, what is wrong with it) for everything that is wrong."""
     meant: set[str] = set()
     for name, value in content.items():
-        if name in _FREE and isinstance(value, dict):
+        if name in FREE_TABLES and isinstance(value, dict):
             yield from _unwritable(name, value)
-        elif name in _TABLES and isinstance(value, dict):
+        elif name in TABLES and isinstance(value, dict):
             for key, entry in value.items():
                 yield from _entry_problems(f"{name}.{key}", entry, value, meant)
-        elif name in _TABLES:
-            yield name, f"is {_shown(value)}, not a table ({_TABLES[name]}); write [{name}]"
+        elif name in TABLES:
+            yield name, f"is {_shown(value)}, not a table ({TABLES[name]}); write [{name}]"
         else:
             yield from _entry_problems(name, value, content, meant)
     yield from ((name, what) for name, what in _missing(content) if name not in meant)
@@ -245,7 +245,7 @@ def _entry_problems(
 
     The key that an unknown one stands for goes to `meant`, so that it is not reported as missing.
     """
-    key = _KEYS.get(name)
+    key = KEYS.get(name)
     if key is None:
         near = _nearest(name, beside)
         meant.update(near)
@@ -261,7 +261,7 @@ def _nearest(name: str, beside: Mapping[str, object]) -> list[str]:
     or without its unit; then the nearest anywhere.
     """
     table, _, key = name.casefold().rpartition(".")
-    short = {known.rpartition(".")[2]: known for known in (*_TABLES, *_KEYS)}
+    short = {known.rpartition(".")[2]: known for known in (*TABLES, *KEYS)}
     if key in short:
         return [short[key]]
     own = {k: known for k, known in short.items() if known.rpartition(".")[0] == table}
@@ -277,20 +277,20 @@ def _hint(name: str, near: Sequence[str]) -> str:
     """Say which key was meant, or which there are."""
     table = name.rpartition(".")[0]
     for known in near:
-        meaning = _TABLES.get(known) or _KEYS[known].meaning
+        meaning = TABLES.get(known) or KEYS[known].meaning
         shown = known.removeprefix(f"{table}.") if table else known
         return f"Did you mean '{shown}' ({meaning})?"
-    here = [known.rpartition(".")[2] for known in _KEYS if known.rpartition(".")[0] == table]
-    return f"Known here: {', '.join(here if table else [*(f'[{t}]' for t in _TABLES), *here])}"
+    here = [known.rpartition(".")[2] for known in KEYS if known.rpartition(".")[0] == table]
+    return f"Known here: {', '.join(here if table else [*(f'[{t}]' for t in TABLES), *here])}"
 
 
 def _missing(content: Mapping[str, object]) -> Iterator[tuple[str, str]]:
     """Yield the keys that every session needs and this one lacks."""
     if "board" not in content:
-        yield "board", f"missing ({_TABLES['board']}). Write {EXAMPLE}"
+        yield "board", f"missing ({TABLES['board']}). Write {EXAMPLE}"
         return
     board = content["board"]
-    for name, key in _KEYS.items():
+    for name, key in KEYS.items():
         if key.required and isinstance(board, dict) and name.rpartition(".")[2] not in board:
             yield name, f"missing ({key.meaning}; {key.wants})"
 
@@ -304,7 +304,7 @@ def _board_problems(board: Mapping[str, object]) -> Iterator[tuple[str, str]]:
         hint = f"Did you mean '{near[0]}'?" if near else "Known: 'checkerboard', 'charuco'"
         yield "board.kind", f"is {_shown(kind)}. {hint}"
     for part in ("dictionary", "marker_mm"):
-        meaning = _KEYS[f"board.{part}"].meaning
+        meaning = KEYS[f"board.{part}"].meaning
         if kind == "charuco" and part not in board:
             yield f"board.{part}", f"missing ({meaning})"
         if kind == "checkerboard" and part in board:
@@ -314,7 +314,7 @@ def _board_problems(board: Mapping[str, object]) -> Iterator[tuple[str, str]]:
         if _is_length(value) and _is_length(square) and not value < square:  # type: ignore[operator]
             yield (
                 f"board.{part}",
-                f"is {value}, not below square_mm, {square} ({_KEYS[f'board.{part}'].meaning})",
+                f"is {value}, not below square_mm, {square} ({KEYS[f'board.{part}'].meaning})",
             )
     yield from _dictionary_problems(board.get("dictionary"))
 

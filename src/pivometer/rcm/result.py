@@ -46,7 +46,7 @@ class MinimaxRcm:
         certificate; seldom more than four.
     weights
         Their weights, shape (k,), positive with sum 1. For every point q, Σ wᵢ dᵢ(q)² ≤
-        max dᵢ(q)²; so the least value of the left side bounds `max_mm`² from below.
+        max dᵢ(q)²; so the least value of the left side bounds the square of `max_mm` from below.
     """
 
     point_mm: Floats

@@ -209,6 +209,7 @@ def small_arm(scale: float, insertion_mm: float, joint_offsets_rad: Floats) -> S
 
 
 PRESETS: dict[str, Callable[[], Preset]] = {"gold": gold, "davinci": davinci, "micro": micro}
+"""Each preset's name, as in ``pivometer simulate davinci``, and the function that makes it."""
 
 
 def preset_named(name: str) -> Preset:
