@@ -87,7 +87,7 @@ def test_an_uncertain_pose_asks_for_pairs(calibration):
 
 
 def test_residuals_are_the_noise_of_the_corners(calibration):
-    corners, residuals = corner_residuals(calibration, "right")
+    corners, residuals = corner_residuals(calibration)["right"]
     assert len(corners) == sum(len(v.ids) for v in calibration.views if v.camera == "right")
     assert np.sqrt(np.mean(residuals**2)) == pytest.approx(NOISE_PX, rel=0.1)
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats, checked, read_only
+from pivometer.calibration.board import BoardView
 from pivometer.calibration.frame import board_pose, pose_alone, projection_errors
 from pivometer.calibration.metric_scale import triangulate_points
 from pivometer.calibration.quality import GRID, shared_moments
@@ -107,30 +109,41 @@ def middle_of_boards(calibration: Calibration) -> Floats:
     return middle
 
 
-def corner_residuals(calibration: Calibration, camera: str) -> tuple[Floats, Floats]:
-    """Return all corners of a camera, and projected minus found where known, shape (n, 2) each.
+def corner_residuals(calibration: Calibration) -> dict[str, tuple[Floats, Floats]]:
+    """Return each camera's corners, and projected minus found where known, shape (n, 2) each.
 
     The board's pose is estimated again for every moment, from all cameras that saw it; corners of
     views too small for that have residual 0.
     """
-    moments: dict[str, list[int]] = {}
-    for row, view in enumerate(calibration.views):
-        moments.setdefault(view.view, []).append(row)
-    places, residuals = [np.zeros((0, 2))], [np.zeros((0, 2))]
+    moments: dict[str, list[BoardView]] = {}
+    for view in calibration.views:
+        moments.setdefault(view.view, []).append(view)
+    places: dict[str, list[Floats]] = {one.name: [] for one in calibration.rig.cameras}
+    residuals: dict[str, list[Floats]] = {name: [] for name in places}
+    for views in moments.values():
+        for view, errors in zip(views, _projected_again(views, calibration), strict=True):
+            places[view.camera].append(view.pixels)
+            residuals[view.camera].append(errors)
+    none = np.zeros((0, 2))
+    return {
+        name: (np.concatenate([none, *places[name]]), np.concatenate([none, *residuals[name]]))
+        for name in places
+    }
+
+
+def _projected_again(views: Sequence[BoardView], calibration: Calibration) -> list[Floats]:
+    """Return projected minus found for the views of one moment, with the board's pose from all."""
     board, rig = calibration.board, calibration.rig
-    for rows in moments.values():
-        views = [calibration.views[row] for row in rows]
-        mine = [view for view in views if view.camera == camera]
-        if not mine:
-            continue
-        places.append(mine[0].pixels)
-        whole = [view for view in views if len(view.ids) >= FEWEST_CORNERS]
-        errors = np.zeros_like(mine[0].pixels)
-        if mine[0] in whole:
-            pose = board_pose(whole, board.corners_mm, rig, pose_alone(whole[0], board, rig))
-            errors = projection_errors(mine[:1], board.corners_mm, rig, pose)[0].reshape(-1, 2)
-        residuals.append(errors)
-    return np.concatenate(places), np.concatenate(residuals)
+    whole = [view for view in views if len(view.ids) >= FEWEST_CORNERS]
+    if not whole:
+        return [np.zeros_like(view.pixels) for view in views]
+    pose = board_pose(whole, board.corners_mm, rig, pose_alone(whole[0], board, rig))
+    return [
+        projection_errors([view], board.corners_mm, rig, pose)[0].reshape(-1, 2)
+        if len(view.ids) >= FEWEST_CORNERS
+        else np.zeros_like(view.pixels)
+        for view in views
+    ]
 
 
 def _point_jacobian(rig: Rig, covariance: Floats, at_mm: Floats) -> Floats:

@@ -165,6 +165,7 @@ def cross_matrix(vectors: ArrayLike) -> Floats:
     array([ 2., -1.,  0.])
     """
     x, y, z = np.moveaxis(checked(vectors, (-1, 3), "vectors"), -1, 0)
-    zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    matrices = np.zeros((*x.shape, 3, 3))
+    matrices[..., 2, 1], matrices[..., 0, 2], matrices[..., 1, 0] = x, y, z
+    matrices[..., 1, 2], matrices[..., 2, 0], matrices[..., 0, 1] = -x, -y, -z
+    return matrices

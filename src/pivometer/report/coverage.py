@@ -5,9 +5,11 @@ from functools import lru_cache
 import numpy as np
 from markupsafe import Markup
 
+from pivometer._arrays import Floats
 from pivometer.calibration.advice import corner_residuals
 from pivometer.calibration.quality import GRID
 from pivometer.calibration.result import Calibration
+from pivometer.cameras.model import Camera
 from pivometer.report.svg import number, picture, round_step, tag
 
 LONGEST_PX = 0.03
@@ -20,12 +22,12 @@ def coverage_pictures(calibration: Calibration) -> tuple[tuple[Markup, str], ...
 
     The page and the PDF of one report draw the same.
     """
-    return tuple(_coverage(calibration, camera.name) for camera in calibration.rig.cameras)
+    found = corner_residuals(calibration)
+    return tuple(_coverage(camera, *found[camera.name]) for camera in calibration.rig.cameras)
 
 
-def _coverage(calibration: Calibration, name: str) -> tuple[Markup, str]:
-    camera = calibration.rig.cameras[calibration.rig.index(name)]
-    corners, residuals = corner_residuals(calibration, name)
+def _coverage(camera: Camera, corners: Floats, residuals: Floats) -> tuple[Markup, str]:
+    name = camera.name
     usual = float(np.percentile(np.linalg.norm(residuals, axis=1), 95)) if len(residuals) else 0
     times = round_step(LONGEST_PX * camera.width / usual, 1) if usual > 0 else 1.0
     arrows = "".join(

@@ -51,8 +51,8 @@ class Paper:
         What is known of a simulated session.
     carried
         What the report carries.
-    files
-        The drawings and pictures by name; filled as blocks are made.
+    drawings, photos
+        The drawings' SVG and the pictures' JPEG by name; filled as blocks are made.
     """
 
     measurement: Measurement
@@ -60,7 +60,8 @@ class Paper:
     profiles: Mapping[Key, EdgeProfiles]
     truth: SimulatedTruth | None
     carried: Carried
-    files: dict[str, bytes] = field(default_factory=dict)
+    drawings: dict[str, str] = field(default_factory=dict)
+    photos: dict[str, bytes] = field(default_factory=dict)
 
     def sections(self) -> list[dict[str, Any]]:
         """Return all sections that have something to say."""
@@ -86,8 +87,8 @@ class Paper:
     # --- Drawings ---
 
     def _drawing(self, drawing: Markup, *, style: str = "") -> str:
-        name = f"drawing-{len(self.files)}.svg"
-        self.files[name] = standalone(drawing, style=style).encode()
+        name = f"drawing-{len(self.drawings)}"
+        self.drawings[name] = standalone(drawing, style=style)
         return name
 
     def _figure(self, drawing: Markup, caption: str, *, width: int = 100) -> Block:
@@ -259,8 +260,8 @@ class Paper:
             thumbnail = self.thumbnails.get((pose.pose, camera.name))
             if thumbnail is None:
                 continue
-            name = f"photo-{len(self.files)}.jpg"
-            self.files[name] = thumbnail.jpeg
+            name = f"photo-{len(self.photos)}.jpg"
+            self.photos[name] = thumbnail.jpeg
             pen = camera.width / 240
             style = (
                 f".edge,.centerline,.cross{{fill:none;stroke-width:{pen:.2f}}}.edge{{stroke:#ff9d00}}"

@@ -66,7 +66,7 @@ def render_pdf(
     content = _content(measurement, paper, attached)
     texts = {name: text.encode() for name, text in attached.items()}
     return _typeset(
-        {**paper.files, **texts, "data.json": json.dumps(content).encode()}, _moment(measurement)
+        {**paper.photos, **texts, "data.json": json.dumps(content).encode()}, _moment(measurement)
     )
 
 
@@ -83,6 +83,7 @@ def _content(measurement: Measurement, paper: Paper, attached: Mapping[str, str]
         "seal": paper.carried.seal,
         "attached": [{"name": name, "description": _ATTACHED.get(name, name)} for name in attached],
         "sections": paper.sections(),
+        "drawings": paper.drawings,  # filled now; hundreds of files would take longer to read
     }
 
 
