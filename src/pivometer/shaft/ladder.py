@@ -122,19 +122,27 @@ class _Window:
     half_px: Floats
     behind: Behind | None
     blur: Blur
+    range_px: Floats
+    """The least and the largest distance of each column in any row, shape (2, columns), raw px."""
 
     @property
     def widen(self) -> float:
         return max(1.0, self.blur.mean_px)
 
+    def reach_px(self, rung: Rung) -> tuple[float, float]:
+        """Return how far a rung looks to either side if the edge moves by a pixel."""
+        return -rung.inner_px * self.widen - SPARE_PX, rung.outer_px * self.widen + SPARE_PX
+
     def pixels(self, rung: Rung, rows: Floats) -> Samples:
-        """Return the pixels that a rung looks at, and the next one if the edge moves by a pixel."""
-        reach = -rung.inner_px * self.widen - SPARE_PX, rung.outer_px * self.widen + SPARE_PX
-        return pixels(self.bands, self.half_px, rows, self.behind, reach)
+        """Return the pixels that a rung looks at."""
+        low, high = self.reach_px(rung)
+        seen = np.flatnonzero((self.range_px[1] > low) & (self.range_px[0] < high))
+        columns = slice(int(seen[0]), int(seen[-1]) + 1) if seen.size else slice(0, 1)
+        return pixels(self.bands, self.half_px, rows, self.behind, columns)
 
     def binned(self, rung: Rung, rows: Floats, parameters: Floats) -> Samples:
-        reach = -rung.inner_px * self.widen - SPARE_PX, rung.outer_px * self.widen + SPARE_PX
-        return binned(self.pixels(rung, rows), parameters, reach)
+        """Return the means of these pixels over bins."""
+        return binned(self.pixels(rung, rows), parameters, self.reach_px(rung))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -215,7 +223,9 @@ def fit_ladder(
             return None
         bands = replace(bands, valid=bands.valid * known)
         behind = Behind(np.nan_to_num(behind.grey), np.nan_to_num(behind.slope))
-    window = _Window(bands, lines, half, behind, blur)
+    seen = bands.x_px[bands.valid > 0] if bands.valid.any() else bands.x_px[0]
+    range_px = np.stack([seen.min(axis=0), seen.max(axis=0)])
+    window = _Window(bands, lines, half, behind, blur, range_px)
     first = _first(window, rungs[0], cluttered)
     if first is None:
         return None
@@ -330,15 +340,21 @@ def _climbed(
         parameters[at : at + 2] = tried[best].parameters[at : at + 2]
     window = edges.window
     for samples in (edges.samples, window.pixels(max(chosen, key=_inner), edges.rows)):
-        rests = [
-            evaluate(samples.of_edge(e), rung, parameters, window.widen)
-            for e, rung in enumerate(chosen)
-        ]
+        rests = _of_both(samples, chosen, parameters, window.widen)
         step, covariance = solve(rests, edges.noise, window.blur, parameters)
         parameters = _stepped(parameters, step)
     covariance = covariance * _inflation(rests, edges.noise)
     covariance[range(4), range(4)] += np.repeat(systematic, 2)
     return _fitted(edges, rests, parameters, covariance, chosen, depth)
+
+
+def _of_both(
+    samples: Samples, chosen: Sequence[Rung], parameters: Floats, widen: float
+) -> list[Rest]:
+    """Return the rests of both edges, each with its own rung; together if that is the same."""
+    if chosen[0] is chosen[1]:
+        return [evaluate(samples, chosen[0], parameters, widen)]
+    return [evaluate(samples.of_edge(e), rung, parameters, widen) for e, rung in enumerate(chosen)]
 
 
 def _inner(rung: Rung) -> float:
@@ -389,12 +405,12 @@ def _fitted(
     depth: np.dtype[np.generic],
 ) -> FittedEdges:
     bands, noise = edges.window.bands, edges.noise
-    information = np.stack([rest.row_information() for rest in rests])
-    moment = np.stack([rest.by_row(rest.jacobian[:, 0] * rest.residual) for rest in rests])
+    information = _by_edge([rest.row_information() for rest in rests])
+    moment = _by_edge([rest.by_row(rest.jacobian[:, 0] * rest.residual) for rest in rests])
     usual = np.median(information, axis=1, keepdims=True)
     used = edges.rows * information > LEAST_INFORMATION * usual
     count = used.reshape(2, -1, CHUNK_ROWS).sum(axis=-1)
-    contrast = np.stack([rest.contrast for rest in rests])
+    contrast = _by_edge([rest.contrast for rest in rests])
     scale = bands.scale[..., 0]
     return FittedEdges(
         start=edges.window.lines,
@@ -410,6 +426,11 @@ def _fitted(
         saturated_part=saturated_part(bands.near, used, depth),
         shading="limb" if any(LIMB in rung.terms for rung in chosen) else "ramp",
     )
+
+
+def _by_edge(values: Sequence[Floats]) -> Floats:
+    """Return values of both edges, told together or one after the other, shape (2, n)."""
+    return np.concatenate(values).reshape(2, -1)
 
 
 def _inflation(rests: Sequence[Rest], noise: float) -> float:

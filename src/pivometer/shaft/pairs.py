@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -163,10 +164,12 @@ def edge_lines(
         return []
     reach = float(np.hypot(*centre_px)) + 2
     lines: list[EdgeLine] = []
+    places = np.stack([*points.T, np.ones(len(points))])
+    facing = np.ascontiguousarray(directions.T)
     for normal, offset in _peaks(points, directions, reach, passing):
         if any(_is_near(line, normal, offset) for line in lines):
             continue
-        line = _fitted(points, directions, normal, offset, reach)
+        line = _fitted(places, facing, normal, offset, reach)
         if line is not None and not any(same_line(line, other) for other in lines):
             lines.append(line)
     return lines
@@ -203,40 +206,41 @@ def _peaks(
 
 
 def _fitted(
-    points: Floats, directions: Floats, normal: Floats, offset: float, reach: float
+    places: Floats, directions: Floats, normal: Floats, offset: float, reach: float
 ) -> EdgeLine | None:
-    """Fit a line to the edge pixels around a peak; None where too few remain."""
-    close = np.abs(points @ normal - offset) < 3 * BANDS[0][0]
-    points, directions = points[close], directions[close]
+    """Fit a line to the edge pixels (x, y, 1) around a peak; None where too few remain."""
+    close = np.flatnonzero(np.abs(normal @ places[:2] - offset) < 3 * BANDS[0][0])
+    places, directions = places.take(close, axis=1), directions.take(close, axis=1)
     for band, either in BANDS:
-        facing = directions @ normal
+        facing = normal @ directions
         aligned = (np.abs(facing) if either else facing) > MOST_TURN_COSINE
-        near = (np.abs(points @ normal - offset) < band) & aligned
-        if near.sum() < 0.5 * LEAST_SUPPORT_PX:
+        away = normal @ places[:2] - offset
+        near = (np.abs(away) < band) & aligned
+        if np.count_nonzero(near) < 0.5 * LEAST_SUPPORT_PX:
             return None
-        chosen = points[near]
-        weights = np.exp(-0.5 * ((chosen @ normal - offset) / FOCUS_PX) ** 2)
-        mean = weights @ chosen / weights.sum()
-        spread = chosen - mean
-        (xx, xy), (_, yy) = (spread.T * weights) @ spread
-        across = np.arctan2(2 * xy, xx - yy) / 2 + np.pi / 2  # of the smaller principal axis
-        found = np.array([np.cos(across), np.sin(across)])
+        weighted = places * (near * np.exp(away * away * (-0.5 / FOCUS_PX**2)))
+        (xx, xy, x), (_, yy, y), (*_, total) = (weighted @ places.T).tolist()
+        x, y = x / total, y / total
+        xx, xy, yy = xx / total - x * x, xy / total - x * y, yy / total - y * y
+        across = math.atan2(2 * xy, xx - yy) / 2 + math.pi / 2  # of the smaller principal axis
+        found = np.array([math.cos(across), math.sin(across)])
         normal = found if found @ normal > 0 else -found
-        offset = float(mean @ normal)
-    along = chosen @ np.array([-normal[1], normal[0]])
-    tight = np.abs(_bow_residual(along, chosen @ normal - offset)) < TIGHT_PX
+        offset = float(normal[0] * x + normal[1] * y)
+    x, y = places[:2, near]
+    along = normal[0] * y - normal[1] * x
+    tight = np.abs(_bow_residual(along, normal[0] * x + normal[1] * y - offset)) < TIGHT_PX
     half = int(reach / BIN_PX) + 1
     occupied = np.zeros(2 * half, dtype=bool)
     occupied[np.floor(along[tight] / BIN_PX).astype(np.intp) + half] = True
-    if occupied.sum() * BIN_PX < LEAST_SUPPORT_PX:
+    if np.count_nonzero(occupied) * BIN_PX < LEAST_SUPPORT_PX:
         return None
     return EdgeLine.through(normal, offset, occupied)
 
 
 def _bow_residual(along: Floats, across: Floats) -> Floats:
     """Subtract the bow that lens distortion gives a long straight edge."""
-    middle, half = (along.max() + along.min()) / 2, max(np.ptp(along) / 2, 1.0)
-    x = (along - middle) / half
+    low, high = float(along.min()), float(along.max())
+    x = (along - (low + high) / 2) / max((high - low) / 2, 1.0)
     A = np.stack([np.ones(len(x)), x, x * x])
     rest = across
     for _ in range(3):

@@ -237,8 +237,8 @@ def solve(
     right /= noise**2
     whole[4, 4] += 1 / blur.sigma_px**2
     right[4] += (blur.mean_px - parameters[4]) / blur.sigma_px**2
-    whole[range(5), range(5)] *= 1 + 1e-9
-    whole[range(5), range(5)] += 1e-9
+    whole.flat[:: len(whole) + 1] *= 1 + 1e-9
+    whole.flat[:: len(whole) + 1] += 1e-9
     covariance = np.asarray(np.linalg.inv(whole))
     return covariance @ right, covariance
 
@@ -266,19 +266,17 @@ def misfits(rest: Rest, step: Floats, noise: float) -> tuple[float, float]:
     """
     own = np.stack([step[[0, 1, 4]], step[[2, 3, 4]]])[rest.edge]
     left = (rest.residual - (own[:, None] @ rest.jacobian)[:, 0]) * np.sqrt(rest.count)
-    first, second = (_misfit(rest, left, rest.edge == edge, noise) for edge in (0, 1))
-    return first, second
-
-
-def _misfit(rest: Rest, left: Floats, at: NDArray[np.bool_], noise: float) -> float:
-    used = (rest.count > 0) & at[:, None]
-    if not used.any():
-        return float("inf")
-    place = np.floor(rest.x_px[used] / BIN_PX).astype(np.intp)
+    place = np.floor(rest.x_px / BIN_PX).astype(np.intp)
     place -= place.min()
-    count = np.bincount(place, rest.count[used])
+    bins = int(place.max()) + 1
+    place += bins * rest.edge[:, None]
+    count, total = (
+        np.bincount(place.ravel(), values.ravel(), 2 * bins).reshape(2, bins)
+        for values in (rest.count, left)
+    )
     full = count >= FULL_BIN
-    number = max(int(full.sum()), 1)
-    mean = np.bincount(place, left[used])[full] / count[full]
-    chi2 = float((mean**2 * count[full]).sum() / noise**2)
-    return (chi2 - number) / float(np.sqrt(2 * number))
+    number = np.maximum(full.sum(axis=1), 1)
+    chi2 = (full * total**2 / np.maximum(count, 1)).sum(axis=1) / noise**2
+    seen = count.any(axis=1)
+    first, second = np.where(seen, (chi2 - number) / np.sqrt(2 * number), np.inf).tolist()
+    return first, second

@@ -99,9 +99,9 @@ def pixels(
     half_px: Floats,
     rows: Floats,
     behind: Behind | None,
-    reach_px: tuple[float, float],
+    columns: slice,
 ) -> Samples:
-    """Return the single pixels that lie between two distances in any row.
+    """Return the single pixels of some columns.
 
     Parameters
     ----------
@@ -113,24 +113,21 @@ def pixels(
         Which rows count, 0 or 1, shape (2, rows).
     behind
         What an empty frame shows at these pixels.
-    reach_px
-        The least and the largest distance, raw px.
+    columns
+        Which columns of `bands`.
     """
-    x = bands.x_px[rows > 0]
-    place = np.flatnonzero((x.max(axis=0) > reach_px[0]) & (x.min(axis=0) < reach_px[1]))
-    cut = slice(int(place[0]), int(place[-1]) + 1) if place.size else slice(0, 1)
     chunks = 2 * bands.near.shape[1] // CHUNK_ROWS
     shape = (chunks, -1)
 
     def flat(values: Floats) -> Floats:
-        return values[..., cut].reshape(shape)
+        return values[..., columns].reshape(shape)
 
     grey = flat(bands.near)
     return Samples(
         grey=grey,
         x_px=flat(bands.x_px),
         lever=flat(bands.lever),
-        count=np.broadcast_to(rows[..., None], (*rows.shape, place.size or 1)).reshape(shape),
+        count=flat(np.broadcast_to(rows[..., None], bands.near.shape)),
         scale=bands.scale.reshape(chunks, -1).mean(axis=1, keepdims=True),
         half_px=half_px.reshape(chunks, -1).mean(axis=1, keepdims=True),
         edge=np.repeat([0, 1], chunks // 2),
