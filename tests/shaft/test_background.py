@@ -6,6 +6,7 @@ import pytest
 from pivometer.shaft.background import (
     GREY_UNITS,
     WorkingScale,
+    gradient,
     moving_edges,
     sampled,
     shrinking,
@@ -24,9 +25,10 @@ def bar(column: int) -> np.ndarray:
 def test_only_the_moved_bar_has_moving_edges_even_where_it_hides_a_pixel_in_most_frames() -> None:
     columns = (60, 66, 72, 78)
     copies = [bar(column) for column in columns]
-    scene = static_scene(copies)
-    for copy, column in zip(copies, columns, strict=True):
-        points = moving_edges(copy, scene).points_px
+    slopes = [gradient(copy) for copy in copies]
+    scene = static_scene(copies, slopes)
+    for part, column in zip(slopes, columns, strict=True):
+        points = moving_edges(part, scene).points_px
         assert points[:, 1].max() < 72
         # The edge lies between two pixels, so that either of them is right.
         for side in (column - 0.5, column + 29.5):
@@ -35,7 +37,8 @@ def test_only_the_moved_bar_has_moving_edges_even_where_it_hides_a_pixel_in_most
 
 def test_gradient_directions_are_unit_vectors_across_the_edge() -> None:
     copies = [bar(column) for column in (50, 70, 90)]
-    edges = moving_edges(copies[0], static_scene(copies))
+    slopes = [gradient(copy) for copy in copies]
+    edges = moving_edges(slopes[0], static_scene(copies, slopes))
     assert np.hypot(*edges.directions.T) == pytest.approx(1.0)
     upright = np.abs(edges.points_px[:, 1] - 35) < 20
     assert np.abs(edges.directions[upright, 0]) == pytest.approx(1.0, abs=1e-3)
@@ -46,7 +49,8 @@ def test_the_scene_is_the_median(count: int) -> None:
     rng = np.random.default_rng(3)
     copies = [rng.integers(0, GREY_UNITS, (40, 50)).astype(np.uint16) for _ in range(count)]
     expected = np.median(np.stack(copies), axis=0)
-    assert static_scene(copies).grey == pytest.approx(np.floor(expected))
+    slopes = [gradient(copy) for copy in copies]
+    assert static_scene(copies, slopes).grey == pytest.approx(np.floor(expected))
 
 
 def test_raw_pixels_undo_the_shrinking() -> None:

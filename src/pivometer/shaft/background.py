@@ -111,7 +111,10 @@ def sampled(count: int, most: int) -> list[int]:
 def gradient(copy: NDArray[np.uint16]) -> NDArray[np.int16]:
     """Return the Sobel gradient (2, height, width) of a working copy after a blur of 1 px."""
     smooth = cv2.GaussianBlur(copy, (0, 0), 1.0)
-    return np.stack([cv2.Sobel(smooth, cv2.CV_16S, 1, 0), cv2.Sobel(smooth, cv2.CV_16S, 0, 1)])
+    slopes = np.empty((2, *copy.shape), dtype=np.int16)
+    for along, part in zip(((1, 0), (0, 1)), slopes, strict=True):
+        cv2.Sobel(smooth, cv2.CV_16S, *along, dst=part)
+    return slopes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,23 +127,24 @@ class StaticScene:
 
 
 def static_scene(
-    copies: Sequence[NDArray[np.uint16]], frame: NDArray[np.uint16] | None = None
+    copies: Sequence[NDArray[np.uint16]],
+    slopes: Sequence[NDArray[np.int16]],
+    other: NDArray[np.int16] | None = None,
 ) -> StaticScene:
     """Return what stands still in the working copies of a sequence, or in one empty frame.
 
-    The noise is that of `frame`'s gradient about the median's; by default the middle copy's.
+    The noise is that of the gradient `other` about the median of `slopes`, the copies' gradients;
+    by default the middle one's.
     """
-    stack = np.stack([gradient(copy) for copy in copies])
-    still = layered_median(stack).astype(np.int16)
+    still = layered_median(np.stack(slopes)).astype(np.int16)
     grey = layered_median(np.stack(copies)).astype(np.uint16)
-    other = stack[len(copies) // 2] if frame is None else gradient(frame)
+    other = slopes[len(copies) // 2] if other is None else other
     noise = 1.4826 * float(np.median(np.abs(other.astype(np.int32) - still)))
     return StaticScene(still, grey, max(FLOOR, NOISE_FACTOR * noise))
 
 
-def unknown_scene(copy: NDArray[np.uint16]) -> StaticScene:
+def unknown_scene(copy: NDArray[np.uint16], slopes: NDArray[np.int16]) -> StaticScene:
     """Return a scene of which nothing is known to stand still, for too few frames of a camera."""
-    slopes = gradient(copy)
     noise = 1.4826 * float(np.median(np.abs(slopes)))
     threshold = float(np.clip(NOISE_FACTOR * noise, FLOOR, 4 * FLOOR))
     return StaticScene(np.zeros_like(slopes), np.zeros_like(copy), threshold)
@@ -182,15 +186,14 @@ class MovingEdges:
     directions: NDArray[np.float64]
 
 
-def moving_edges(copy: NDArray[np.uint16], scene: StaticScene) -> MovingEdges:
-    """Return the thinned edge pixels of a working copy whose gradient is not the background's."""
-    slopes = gradient(copy)
+def moving_edges(slopes: NDArray[np.int16], scene: StaticScene) -> MovingEdges:
+    """Return the thinned edge pixels in a gradient (2, h, w) that is not the background's."""
     thin = cv2.Canny(slopes[0], slopes[1], scene.threshold, 2 * scene.threshold, L2gradient=True)
     places = cv2.findNonZero(thin)  # thrice as fast as np.nonzero
     if places is None:
         return MovingEdges(np.zeros((0, 2)), np.zeros((0, 2)))
     points = places.reshape(-1, 2)
-    at = points[:, 1] * copy.shape[1] + points[:, 0]
+    at = points[:, 1] * slopes.shape[2] + points[:, 0]
     here = slopes.reshape(2, -1).take(at, axis=1).astype(np.float32)
     change = here - scene.gradient.reshape(2, -1).take(at, axis=1)
     square = (here * here).sum(axis=0)

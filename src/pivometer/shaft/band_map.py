@@ -95,11 +95,15 @@ class BandMap:
         centre = self.centre - self.outward * self.slant * self.scale * away[:, 0]
         return replace(self, centre=centre)
 
+    def columns(self, outward: Indices) -> Indices:
+        """Return the columns so many pixels outward of the edge's in each row, shape (r, k)."""
+        return np.asarray(np.rint(self.centre).astype(np.intp)[:, None] + self.outward * outward)
+
     def coordinate(self, covector: Floats, constant: float, columns: Floats | Indices) -> Floats:
         """Return covector · undistorted position + constant at columns (r, k)."""
-        c = np.tensordot(covector, self.coefficients, axes=1)
+        c = covector[0] * self.coefficients[0] + covector[1] * self.coefficients[1]
         w = (columns - self.chord[:, None]) / self.reach
-        value = c[3, :, None] * w
+        value: Floats = c[3, :, None] * w
         value += c[2, :, None]
         value *= w
         value += c[1, :, None]

@@ -21,6 +21,7 @@ from pivometer.shaft.background import (
     StaticScene,
     WorkingScale,
     averaged,
+    gradient,
     moving_edges,
     sampled,
     shrinking,
@@ -140,8 +141,14 @@ class _Search:
     centre_px: Floats
     knows_background: bool
 
-    def frame(self, copy: NDArray[np.uint16], passing: Passing | None = None) -> _Frame:
-        edges = moving_edges(copy, self.scene)
+    def frame(
+        self,
+        copy: NDArray[np.uint16],
+        slopes: NDArray[np.int16],
+        passing: Passing | None = None,
+    ) -> _Frame:
+        """Search a working copy, given its gradient, for lines that pass where the shaft does."""
+        edges = moving_edges(slopes, self.scene)
         return self._with_lines(copy, edges, edge_lines(edges, self.centre_px, passing), passing)
 
     def again(self, copy: NDArray[np.uint16], frame: _Frame, motion: Motion) -> _Frame:
@@ -201,7 +208,8 @@ class ShaftFinder:
             return self._motion
         if sample is not None:
             return _chosen(image, self._known[sample], self._search, self._motion)
-        frame = self._search.frame(self._search.scale.copy(image), self._motion.passing)
+        copy = self._search.scale.copy(image)
+        frame = self._search.frame(copy, gradient(copy), self._motion.passing)
         return _chosen(image, frame, self._search, self._motion)
 
 
@@ -228,8 +236,9 @@ def learn_shaft(
     scale = working_scale(smalls, factor)
     empty = None if background is None else scale.copy(background)
     copies = [scale.stretched(small) for small in smalls]
-    search = _search(copies, scale, empty)
-    frames = tuple(search.frame(copy) for copy in copies)
+    slopes = [gradient(copy) for copy in copies]
+    search = _search(copies, slopes, scale, empty)
+    frames = tuple(map(search.frame, copies, slopes))
     if all(len(frame.edges.points_px) < LEAST_SUPPORT_PX for frame in frames):
         reason = "nothing moves between the frames, so a moving shaft cannot be told from the rest"
         return ShaftFinder(search, SeedRejection(reason), frames)
@@ -300,14 +309,18 @@ def find_shaft(
 
 
 def _search(
-    copies: Sequence[NDArray[np.uint16]], scale: WorkingScale, empty: NDArray[np.uint16] | None
+    copies: Sequence[NDArray[np.uint16]],
+    slopes: Sequence[NDArray[np.int16]],
+    scale: WorkingScale,
+    empty: NDArray[np.uint16] | None,
 ) -> _Search:
     if empty is not None:
-        scene = static_scene([empty], copies[0])
+        scene = static_scene([empty], [gradient(empty)], slopes[0])
     elif len(copies) < LEAST_FRAMES:
-        scene = unknown_scene(copies[0])
+        scene = unknown_scene(copies[0], slopes[0])
     else:
-        scene = static_scene([copies[i] for i in sampled(len(copies), SAMPLED_FRAMES)])
+        chosen = sampled(len(copies), SAMPLED_FRAMES)
+        scene = static_scene([copies[i] for i in chosen], [slopes[i] for i in chosen])
     height, width = scene.grey.shape
     known = empty is not None or len(copies) >= TRUSTED_MEDIAN
     centre = np.array([(width - 1) / 2, (height - 1) / 2])

@@ -33,7 +33,7 @@ from pivometer.shaft.rungs import (
     solve,
 )
 from pivometer.shaft.samples import Behind, Samples, binned, pixels
-from pivometer.shaft.strip import CHUNK_ROWS, Strip, strip
+from pivometer.shaft.strip import CHUNK_ROWS, Strip, seen_beside, strip
 
 Lines = tuple[EdgeLine, EdgeLine]
 
@@ -216,7 +216,7 @@ def fit_ladder(
     bands = strip(turned, near, lines, near_px=reach, inner_px=0.0, outer_px=0.0)
     middle = bands.lever[..., bands.lever.shape[2] // 2, None]
     half = np.maximum(width_px(lines) / 2 + tapers_px(lines)[..., 0] * middle, 1.0)
-    behind = None if background is None else _behind(background, near, lines, reach)
+    behind = None if background is None else _behind(background, near, reach)
     if behind is not None:
         known = _known_rows(behind, bands.x_px)
         if (known.sum(axis=1) < LEAST_USED * np.maximum(bands.valid.sum(axis=1), 1)).any():
@@ -240,16 +240,12 @@ def fit_ladder(
 def _behind(
     background: NDArray[np.generic],
     maps: tuple[BandMap, BandMap],
-    lines: Lines,
     reach_px: tuple[float, float],
 ) -> Behind:
     """Return the empty frame and its slope outward at the pixels that `strip` gathers."""
     grey = background.astype(np.float32)
     along_x, along_y = (cv2.Sobel(grey, cv2.CV_32F, *d, ksize=1) / 2 for d in ((1, 0), (0, 1)))
-    planes = [
-        strip(plane, maps, lines, near_px=reach_px, inner_px=0.0, outer_px=0.0).near
-        for plane in (grey, along_x, along_y)
-    ]
+    planes = [seen_beside(plane, maps, reach_px) for plane in (grey, along_x, along_y)]
     # In the turned image: its normal from how the edge's column changes from row to row.
     turns = [float((m.centre[-1] - m.centre[0]) / max(len(m.rows) - 1, 1)) for m in maps]
     normals = [

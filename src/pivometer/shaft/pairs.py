@@ -194,15 +194,21 @@ def _peaks(
     flat = bins * width + np.floor(offset + span).astype(np.intp)
     if passing is not None:
         flat = flat[np.abs(offset) < span]
-    votes = np.bincount(flat.ravel(), minlength=ANGLE_BINS * width).reshape(ANGLE_BINS, width)
-    padded = np.concatenate([votes[-2:], votes, votes[:2]]).astype(np.float32)
-    smooth = cv2.blur(padded, (3, 1)) * 3
-    top = cv2.dilate(smooth, np.ones((5, 3)))[2:-2]
-    smooth = smooth[2:-2]
-    found = np.argwhere((smooth == top) & (smooth >= 0.6 * LEAST_SUPPORT_PX))
-    order = np.argsort(-smooth[tuple(found.T)], kind="stable")
+    votes = np.bincount(flat.ravel(), minlength=ANGLE_BINS * width).astype(np.uint16)
+    votes = votes.reshape(ANGLE_BINS, width)
+    padded = np.concatenate([votes[-2:], votes, votes[:2]])
+    padded = cv2.boxFilter(padded, -1, (3, 1), normalize=False)
+    top = cv2.dilate(padded, np.ones((5, 3)))[2:-2].ravel()
+    smooth = padded[2:-2].ravel()
+    found = np.flatnonzero(smooth >= 0.6 * LEAST_SUPPORT_PX)
+    found = found[smooth[found] == top[found]]
+    order = np.argsort(-smooth[found].astype(np.intp), kind="stable")
     order = order[: MOST_LINES if passing is None else MOST_PASSING]
-    return [(normals[i], float(normals[i] @ origin) + j + 0.5 - span) for i, j in found[order]]
+    peaks = np.divmod(found[order], width)
+    return [
+        (normals[i], float(normals[i] @ origin) + j + 0.5 - span)
+        for i, j in zip(*peaks, strict=True)
+    ]
 
 
 def _fitted(

@@ -75,34 +75,22 @@ def strip(
     inner_px, outer_px
         Reach of the far ones, raw px.
     """
+    near, beyond = _columns(maps, near_px)
     slant = max(m.slant for m in maps)
-    near, beyond = (int(np.ceil(reach * slant)) + 1 for reach in near_px)
     inner = max(near + 2, int(inner_px * slant))
     outer = max(beyond + 2, int(outer_px * slant))
-    first = min(int(m.rows[0]) for m in maps)
-    every = int(np.diff(maps[0].rows[:2]).sum())
-    begin = [(int(m.rows[0]) - first) // every for m in maps]
-    total = max(at + len(m.rows) for at, m in zip(begin, maps, strict=True))
-    count = -(-total // CHUNK_ROWS) * CHUNK_ROWS
+    begin, count = _rows(maps)
     j = np.arange(-inner, outer + 1)
-    grey = np.zeros((2, count, len(j)))
-    inside = np.zeros((2, count, len(j)), dtype=bool)
+    grey, inside = _gathered(turned, maps, j)
     x, lever = np.zeros((2, 2, count, near + beyond + 1))
     scale = np.ones((2, count, 1))
+    middle = np.arange(-near, beyond + 1)
     for edge, (m, line) in enumerate(zip(maps, lines, strict=True)):
         at = slice(begin[edge], begin[edge] + len(m.rows))
-        columns = np.rint(m.centre).astype(np.intp)[:, None] + m.outward * j
-        within = (columns >= 0) & (columns < turned.shape[1])
-        if within.all():
-            grey[edge, at] = picked(turned, m.rows, columns)
-        else:
-            clipped = np.clip(columns, 0, turned.shape[1] - 1)
-            grey[edge, at] = np.where(within, picked(turned, m.rows, clipped), 0)
-        inside[edge, at] = within
-        middle = columns[:, inner - near : inner + beyond + 1]
-        x[edge, at] = m.coordinate(line.outward, -float(line.outward @ line.middle_px), middle)
+        columns = m.columns(middle)
+        x[edge, at] = m.coordinate(line.outward, -float(line.outward @ line.middle_px), columns)
         half = line.half_px / (line.half_px @ line.half_px)
-        lever[edge, at] = m.coordinate(half, -float(half @ line.middle_px), middle)
+        lever[edge, at] = m.coordinate(half, -float(half @ line.middle_px), columns)
         scale[edge, at, 0] = m.scale
     x *= scale
     place = slice(inner - near, inner + beyond + 1)
@@ -128,3 +116,55 @@ def strip(
         spread=(weights[:, 2:] ** 2).sum(axis=0),
         valid=np.asarray(valid, dtype=np.float64),
     )
+
+
+def seen_beside(
+    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], near_px: tuple[float, float]
+) -> Floats:
+    """Return what another picture shows at the near pixels of a `strip`, shape (2, rows, k).
+
+    Parameters
+    ----------
+    turned
+        The other picture, turned like the image.
+    maps, near_px
+        As of the strip.
+    """
+    near, beyond = _columns(maps, near_px)
+    return _gathered(turned, maps, np.arange(-near, beyond + 1))[0]
+
+
+def _columns(maps: tuple[BandMap, BandMap], near_px: tuple[float, float]) -> tuple[int, int]:
+    """Return how many columns the near ones are inside and outside."""
+    slant = max(m.slant for m in maps)
+    inside, outside = (int(np.ceil(reach * slant)) + 1 for reach in near_px)
+    return inside, outside
+
+
+def _rows(maps: tuple[BandMap, BandMap]) -> tuple[list[int], int]:
+    """Return where each edge's rows begin among the rows of both, and how many these are."""
+    first = min(int(m.rows[0]) for m in maps)
+    every = int(np.diff(maps[0].rows[:2]).sum())
+    begin = [(int(m.rows[0]) - first) // every for m in maps]
+    total = max(at + len(m.rows) for at, m in zip(begin, maps, strict=True))
+    return begin, -(-total // CHUNK_ROWS) * CHUNK_ROWS
+
+
+def _gathered(
+    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], j: NDArray[np.intp]
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return the pixels of columns j outward of both edges, and which lie in the image."""
+    begin, count = _rows(maps)
+    grey = np.zeros((2, count, len(j)))
+    inside = np.zeros((2, count, len(j)), dtype=bool)
+    for edge, m in enumerate(maps):
+        at = slice(begin[edge], begin[edge] + len(m.rows))
+        columns = m.columns(j)
+        within = (columns >= 0) & (columns < turned.shape[1])
+        if within.all():
+            grey[edge, at] = picked(turned, m.rows, columns)
+        else:
+            clipped = np.clip(columns, 0, turned.shape[1] - 1)
+            grey[edge, at] = np.where(within, picked(turned, m.rows, clipped), 0)
+        inside[edge, at] = within
+    return grey, inside
