@@ -56,10 +56,10 @@ def print_table(
     print(f"2-norm and ∞-norm points are {measured.rcm.separation_mm:.3f} mm apart")
 
 
-def main(folder: Path) -> None:
+def main(folder: Path, poses: int = 70) -> None:
     """Simulate, measure and print both experiments."""
     for preset in PAPER:
-        session = pipeline.simulate(preset, folder / preset)
+        session = pipeline.simulate(preset, folder / preset, poses=poses)
         loaded = pivometer.load(session)
         calibration = pivometer.calibrate(loaded)
         measured = pivometer.measure(loaded, rig=calibration)

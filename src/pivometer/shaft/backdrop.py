@@ -56,7 +56,7 @@ def backdrop_of(frames: Sequence[Image], shafts_px: Sequence[Floats]) -> Floats 
     >>> edges = [
     ...     np.array([[[x, 0], [x, 59]], [[x + 6, 0], [x + 6, 59]]]) for x in range(0, 64, 8)
     ... ]
-    >>> float(backdrop_of(frames, edges).max())
+    >>> float(np.nanmax(backdrop_of(frames, edges)))
     50.0
     """
     if len(frames) < LEAST_FRAMES:
