@@ -11,7 +11,6 @@ from pivometer._arrays import Floats, checked, read_only
 from pivometer.cameras.model import Camera
 from pivometer.shaft.bands import EdgeLine, width_px
 from pivometer.shaft.evidence import DEVIATIONS, evidence
-from pivometer.shaft.silhouette import coimage_normal, outward_normals
 
 Bools = NDArray[np.bool_]
 
@@ -228,24 +227,26 @@ def _normals(
     starting line's normal.
     """
     ends = np.stack([[line.start_px, line.end_px] for line in lines])
-    rays = np.concatenate(
-        [(ends - camera.principal_point_px) / camera.focal_px, np.ones((2, 2, 1))], axis=-1
-    )
-    direction, middle = rays[:, 1, :2] - rays[:, 0, :2], rays[:, :, :2].mean(axis=1)
-    inside = np.append(middle.mean(axis=0), 1.0)
-    normals = outward_normals(coimage_normal(direction, middle), inside)
+    rays = np.ones((2, 2, 3))
+    rays[..., :2] = (ends - camera.principal_point_px) / camera.focal_px
+    moves = np.zeros((2, 3, 1))
+    moves[:, :2, 0] = np.stack([line.outward for line in start]) / camera.focal_px
+    first, second = rays[:, 0], rays[:, 1, :, None]
+    cross = (_skew(first) @ second)[..., 0]
+    outward = np.where(cross @ rays.mean(axis=(0, 1)) > 0, -1.0, 1.0)
+    length = np.sqrt((cross * cross).sum(axis=1)) * outward
+    normals = cross / length[:, None]
+    by_start, by_end = _skew(moves[..., 0]) @ second, _skew(first) @ moves
+    both = np.concatenate([by_start + by_end, by_end - by_start], axis=2) / length[:, None, None]
+    across = both - normals[..., None] * (normals[:, None] @ both)
     derivatives = np.zeros((6, 4))
-    for edge in range(2):
-        move = np.append(start[edge].outward / camera.focal_px, 0.0)
-        cross = _skew(rays[edge, 0]) @ rays[edge, 1]
-        length = np.linalg.norm(cross) * np.sign(cross @ normals[edge])
-        by_start, by_end = _skew(move) @ rays[edge, 1], _skew(rays[edge, 0]) @ move
-        both = np.stack([by_start + by_end, by_end - by_start], axis=1) / length
-        n = normals[edge][:, None]
-        derivatives[3 * edge : 3 * edge + 3, 2 * edge : 2 * edge + 2] = both - n * (n.T @ both)
+    derivatives[:3, :2], derivatives[3:, 2:] = across
     return normals, derivatives
 
 
 def _skew(v: Floats) -> Floats:
-    """Return [v]× so that [v]× w = v × w; `np.cross` takes 50 µs."""
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    """Return [v]× of shape (n, 3, 3), so that [v]× w = v × w; `np.cross` takes 50 µs."""
+    skew = np.zeros((len(v), 3, 3))
+    for (row, column), value in zip(((2, 1), (0, 2), (1, 0)), v.T, strict=True):
+        skew[:, row, column], skew[:, column, row] = value, -value
+    return skew

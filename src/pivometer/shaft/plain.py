@@ -76,6 +76,7 @@ FLAT_SIGMAS = 3.5
 class Step:
     """The normal equations after the levels are eliminated, at one estimate."""
 
+    gram: Floats  # sums of products of every chunk's features, (2, chunks, 6, 6)
     information: Floats
     gradient: Floats
     chi2: Floats  # of every chunk, (2, chunks)
@@ -158,7 +159,7 @@ def _eliminated(gram: Floats) -> Step:
         right[own] = moved[edge, :2]
     whole[4, 4], right[4] = by_edge[:, 2, 2].sum(), moved[:, 2].sum()
     chi2, by_chunk = np.asarray(rest[..., 3, 3]), np.asarray(information)
-    return Step(whole, right, chi2, np.asarray(levels), by_chunk, np.asarray(gradient))
+    return Step(gram, whole, right, chi2, np.asarray(levels), by_chunk, np.asarray(gradient))
 
 
 def _without_levels(gram: Floats) -> tuple[Floats, Floats]:
@@ -168,14 +169,14 @@ def _without_levels(gram: Floats) -> tuple[Floats, Floats]:
     return gram[..., 2:, 2:] - np.swapaxes(across, -1, -2) @ solved, np.asarray(solved)
 
 
-def _response_px(
-    bands: Strip, step: Step, features: Floats, weights: Floats, variance: float, blur_px: float
-) -> float:
+def _response_px(step: Step, features: Floats, variance: float, blur_px: float) -> float:
     """Return how far a response that is not linear moves both edges outward, px."""
-    bent = features[:, :, :1] * features[:, :, 1:2]
-    wide = np.concatenate([features[:, :, [0, 1, 2, 3, 4]], bent, features[:, :, 5:]], axis=2)
-    gram = wide @ np.swapaxes(wide, -1, -2)
-    _add_far(gram, bands, weights)
+    bent = features[:, :, 0] * features[:, :, 1]
+    gram = np.empty((*step.gram.shape[:2], 7, 7))
+    others = np.array([0, 1, 2, 3, 4, 6])
+    gram[..., others[:, None], others] = step.gram
+    gram[..., 5, 5] = np.einsum("ecp,ecp->ec", bent, bent)
+    gram[..., 5, others] = gram[..., others, 5] = (features @ bent[..., None])[..., 0]
     contrast = step.levels[..., 0] - step.levels[..., 1]
     return common_shift_px(_without_levels(gram)[0], contrast, variance, blur_px)
 
@@ -349,7 +350,7 @@ def _judged(
     variance = float(noise.mean()) * max(1.0, excess)
     covariance = np.linalg.inv(step.information + 1e-9 * np.eye(5)) * variance
     covariance = covariance * _inflation(step, variance)
-    response_px = _response_px(bands, step, features, weights, variance, float(estimate[4]))
+    response_px = _response_px(step, features, variance, float(estimate[4]))
     # Both move outward alike, so the centre is as certain as before.
     covariance[np.ix_([0, 2], [0, 2])] += response_px**2
     contrast = step.levels[..., 0] - step.levels[..., 1]
