@@ -7,8 +7,10 @@ that agrees with the less certain ones, and what those say differently is its sy
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -104,6 +106,14 @@ STEP_LIMIT_PX = np.array([0.7, 0.7, 0.7, 0.7, 0.3])
 BLUR_RANGE_PX = (0.3, 4.0)
 
 
+class _Said(NamedTuple):
+    """What a rung says of one edge: its offset, how certain that is, and how it fits."""
+
+    offset_px: float
+    sigma_px: float
+    misfit: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tried:
     """What a rung says: its estimate, its covariance, and how it fits each edge."""
@@ -111,6 +121,12 @@ class _Tried:
     parameters: Floats
     covariance: Floats
     misfits: tuple[float, float]
+
+    def of_edge(self, edge: int) -> _Said:
+        """Return what it says of one edge."""
+        at = 2 * edge
+        sigma = float(np.sqrt(self.covariance[at, at]))
+        return _Said(float(self.parameters[at]), sigma, self.misfits[edge])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -323,17 +339,22 @@ def _climbed(
 ) -> FittedEdges:
     """Choose each edge's rung, and fit with them."""
     reference = edges.tried(REFERENCE, parameters).parameters
-    tried = [edges.tried(rung, reference) for rung in rungs]
+
+    @cache
+    def tried(rung: Rung) -> _Tried:
+        return edges.tried(rung, reference)
+
     chosen, systematic, parameters = [], [], reference.copy()
     for edge in (0, 1):
-        at = 2 * edge
-        rows = [
-            (t.parameters[at], float(np.sqrt(t.covariance[at, at])), t.misfits[edge]) for t in tried
-        ]
-        best, spread = _chosen(rungs, rows)
-        chosen.append(rungs[best])
+
+        def said(rung: Rung, edge: int = edge) -> _Said:
+            return tried(rung).of_edge(edge)
+
+        at = slice(2 * edge, 2 * edge + 2)
+        rung, spread = _chosen(rungs, said)
+        chosen.append(rung)
         systematic.append(spread**2 + SYSTEMATIC_PX**2)
-        parameters[at : at + 2] = tried[best].parameters[at : at + 2]
+        parameters[at] = tried(rung).parameters[at]
     window = edges.window
     for samples in (edges.samples, window.pixels(max(chosen, key=_inner), edges.rows)):
         rests = _of_both(samples, chosen, parameters, window.widen)
@@ -357,39 +378,43 @@ def _inner(rung: Rung) -> float:
     return rung.inner_px
 
 
-def _chosen(rungs: list[Rung], rows: list[tuple[float, float, float]]) -> tuple[int, float]:
-    """Return the best rung of (estimate, sigma, misfit), and what others say differently, px.
+def _chosen(rungs: Sequence[Rung], said: Callable[[Rung], _Said]) -> tuple[Rung, float]:
+    """Return the best rung, and what others say differently, px.
 
     Lepskii's rule among the rungs with a limb: the most certain of those that fit and agree with
     all less certain ones that fit. A ramp alone bends near the edge of a round shaft, so it is the
     last resort. The rungs that fit differ by their noise and by what their terms do not hold; the
     second is the systematic error.
     """
-    order = sorted(range(len(rows)), key=lambda k: rows[k][1])
-    limbs = [k for k in order if LIMB in rungs[k].terms and rows[k][2] < LARGEST_MISFIT]
-    if not limbs:
-        narrow = [k for k in order if rungs[k].inner_px <= REFERENCE.inner_px]
-        best = min(narrow, key=lambda k: rows[k][2])
-        return best, float(np.ptp([rows[k][0] for k in narrow]) / 2)
-    best = limbs[-1]
-    for place, k in enumerate(limbs):
-        if all(_apart(rows[k], rows[n]) < AGREEING_SIGMAS for n in limbs[place + 1 :]):
-            best = k
+    limbs = {rung: said(rung) for rung in rungs if LIMB in rung.terms}
+    fitting = [rung for rung in limbs if limbs[rung].misfit < LARGEST_MISFIT]
+    if not fitting:
+        narrow = {rung: said(rung) for rung in rungs if rung.inner_px <= REFERENCE.inner_px}
+        best = min(narrow, key=lambda rung: narrow[rung].misfit)
+        return best, float(np.ptp([one.offset_px for one in narrow.values()]) / 2)
+    fitting.sort(key=lambda rung: limbs[rung].sigma_px)
+    best = fitting[-1]
+    for place, rung in enumerate(fitting):
+        if all(_apart(limbs[rung], limbs[r]) < AGREEING_SIGMAS for r in fitting[place + 1 :]):
+            best = rung
             break
+    own = limbs[best]
     excess = [
-        (rows[k][0] - rows[best][0]) ** 2 - abs(rows[k][1] ** 2 - rows[best][1] ** 2)
-        for k in limbs
-        if k != best
+        (limbs[rung].offset_px - own.offset_px) ** 2
+        - abs(limbs[rung].sigma_px ** 2 - own.sigma_px**2)
+        for rung in fitting
+        if rung is not best
     ]
-    if rungs[best].inner_px <= COMPLEX_PX:
-        excess.append((rows[-1][0] - rows[best][0]) ** 2 / 4)
+    if best.inner_px <= COMPLEX_PX:
+        excess.append((said(rungs[-1]).offset_px - own.offset_px) ** 2 / 4)
         return best, float(np.sqrt(np.max(excess)))
     return best, float(np.sqrt(max(float(np.mean(excess)), 0.0))) if excess else 0.0
 
 
-def _apart(one: tuple[float, float, float], other: tuple[float, float, float]) -> float:
+def _apart(one: _Said, other: _Said) -> float:
     """Return the difference of two nested estimates over its standard deviation."""
-    return abs(one[0] - other[0]) / float(np.sqrt(max(other[1] ** 2 - one[1] ** 2, 1e-8)))
+    variance = other.sigma_px**2 - one.sigma_px**2
+    return abs(one.offset_px - other.offset_px) / float(np.sqrt(max(variance, 1e-8)))
 
 
 def _fitted(
