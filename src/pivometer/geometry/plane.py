@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pivometer._arrays import Floats
-from pivometer.geometry.line import unit
+from pivometer.geometry.line import cross, unit
 
 
 def angle_between_planes(first_normal: ArrayLike, second_normal: ArrayLike) -> Floats:
@@ -19,6 +19,6 @@ def angle_between_planes(first_normal: ArrayLike, second_normal: ArrayLike) -> F
     45.0
     """
     a, b = unit(first_normal, "first_normal"), unit(second_normal, "second_normal")
-    sine = np.linalg.norm(np.cross(a, b), axis=-1)
+    sine = np.linalg.norm(cross(a, b), axis=-1)
     cosine = np.abs(np.sum(a * b, axis=-1))
     return np.asarray(np.arctan2(sine, cosine))

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 from pivometer._arrays import Floats, checked
 from pivometer.errors import DegenerateGeometryError
-from pivometer.geometry.line import unit
+from pivometer.geometry.line import cross, unit
 
 SMALLEST_APEX_RAD = 1e-9
 """Edge planes closer than this are one plane to rounding: (8) has no direction left."""
@@ -46,7 +46,7 @@ def coimage_normal(a: ArrayLike, b: ArrayLike, f: float = 1.0) -> Floats:
     end = np.zeros_like(directions[..., :1])
     first = np.concatenate([directions, end], axis=-1)
     second = np.concatenate([points, end + f], axis=-1)
-    return unit(np.cross(first, second), "a")
+    return unit(cross(first, second), "a")
 
 
 def normalized_line(
@@ -180,17 +180,17 @@ def centerline_normal_algebraic(normals: ArrayLike) -> Floats:
     array([-1.,  0.,  0.])
     """
     planes = _distinct(normals)
-    a = unit(np.cross(planes[..., 0, :], planes[..., 1, :]))  # (8)
+    a = unit(cross(planes[..., 0, :], planes[..., 1, :]))  # (8)
     matrix = np.concatenate([planes, a[..., None, :]], axis=-2)  # rows of (10), (11), (12)
     right = np.broadcast_to([[-1.0], [-1.0], [0.0]], (*a.shape, 1))
     b = np.linalg.solve(matrix, right)[..., 0]
-    return unit(np.cross(a, b))  # (7)
+    return unit(cross(a, b))  # (7)
 
 
 def _distinct(normals: ArrayLike) -> Floats:
     """Return the normals as unit vectors, refusing pairs that are one plane."""
     planes = unit(checked(normals, (-1, 2, 3), "normals"), "normals")
-    sine = np.linalg.norm(np.cross(planes[..., 0, :], planes[..., 1, :]), axis=-1)
+    sine = np.linalg.norm(cross(planes[..., 0, :], planes[..., 1, :]), axis=-1)
     if (sine < SMALLEST_APEX_RAD).any():
         raise DegenerateGeometryError(
             f"the two edges of the shaft are one line to {float(np.min(sine)):.1e} rad",

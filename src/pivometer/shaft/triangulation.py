@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from pivometer._arrays import Floats, checked, read_only
 from pivometer.errors import DegenerateGeometryError, ShapeError
-from pivometer.geometry.line import unit
+from pivometer.geometry.line import cross, unit
 from pivometer.geometry.plane import angle_between_planes
 from pivometer.geometry.rigid import RigidTransform
 from pivometer.shaft.silhouette import centerline_normal_average
@@ -123,7 +123,7 @@ def triangulate_two_view(
     n_l, n_r = unit(left_normal, "left_normal"), unit(right_normal, "right_normal")
     R, t = left_from_right.rotation, left_from_right.translation_mm
     _refuse_degenerate(float(angle_between_planes(n_l, R @ n_r)))
-    a = unit(np.cross(n_l, R @ n_r))  # (14)
+    a = unit(cross(n_l, R @ n_r))  # (14)
     matrix = np.stack([n_l, R @ n_r, a])  # rows of (15), (16), (12)
     b = np.linalg.solve(matrix, np.array([0.0, n_r @ R.T @ t, 0.0]))
     return b + 0.0, a + 0.0
@@ -159,7 +159,7 @@ def lines_from_edge_normals(
     planes = np.einsum("cij,...cj->...ci", rotations, centerline_normal_average(edges))
     directions = _common_direction(planes)
     sense = np.einsum(
-        "ij,...j->...i", rotations[0], np.cross(edges[..., 0, 0, :], edges[..., 0, 1, :])
+        "ij,...j->...i", rotations[0], cross(edges[..., 0, 0, :], edges[..., 0, 1, :])
     )
     flip = np.where(np.sum(sense * directions, axis=-1, keepdims=True) < 0, -1.0, 1.0)
     directions = directions * flip
@@ -251,10 +251,10 @@ def _refuse_degenerate(dihedral_rad: float) -> None:
 def _common_direction(planes: Floats) -> Floats:
     """Return the unit direction most nearly in all planes (..., c, 3); (14) for two."""
     if planes.shape[-2] == 2:
-        cross = np.cross(planes[..., 0, :], planes[..., 1, :])
-        length = np.linalg.norm(cross, axis=-1, keepdims=True)
+        common = cross(planes[..., 0, :], planes[..., 1, :])
+        length = np.linalg.norm(common, axis=-1, keepdims=True)
         if (length > 0).all():
-            return np.asarray(cross / length)
+            return np.asarray(common / length)
     gram = np.einsum("...ci,...cj->...ij", planes, planes)
     return np.asarray(np.linalg.eigh(gram)[1][..., 0])
 
@@ -277,8 +277,8 @@ def _largest_dihedral(planes: Floats) -> Floats:
 
 def _perpendicular_basis(direction: Floats) -> Floats:
     seed = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    first = unit(np.cross(direction, seed))
-    return np.stack([first, np.cross(direction, first)])
+    first = unit(cross(direction, seed))
+    return np.stack([first, cross(direction, first)])
 
 
 def _diameters_mm(

@@ -16,6 +16,7 @@ import numpy as np
 
 from pivometer._arrays import Floats
 from pivometer.cameras.rig import Rig
+from pivometer.geometry.line import cross
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.uncertainty.shaft_check import CHANCE, ShaftCheck
 
@@ -117,10 +118,10 @@ def _seen(
     point = check.fits.points_mm[number] - transform.translation_mm
     axis = check.fits.directions[number]
     # Where the line of sight passes the axis: both perpendicular to their common normal.
-    normal = np.cross(ray, np.cross(ray, axis))
+    normal = cross(ray, cross(ray, axis))
     at = point - axis * (point @ normal) / (axis @ normal)
     depth = float(transform.inverse().rotate(at)[2])
-    inclined = float(np.linalg.norm(np.cross(ray / np.linalg.norm(ray), axis)))
+    inclined = float(np.linalg.norm(cross(ray / np.linalg.norm(ray), axis)))
     length = float(np.linalg.norm(ends[1] - ends[0])) * depth / focal / inclined
     bow = float(edges.curvature_px[0] - edges.curvature_px[1]) / 2 * depth / focal
     return side, bow, length
@@ -128,7 +129,7 @@ def _seen(
 
 def _carried(vector: Floats, axis: Floats, mean: Floats) -> Floats:
     """Return a vector turned by the least rotation that brings `axis` to `mean`."""
-    turn, cosine = np.cross(axis, mean), float(axis @ mean)
-    turned: Floats = vector * cosine + np.cross(turn, vector)
+    turn, cosine = cross(axis, mean), float(axis @ mean)
+    turned: Floats = vector * cosine + cross(turn, vector)
     turned += turn * float(turn @ vector) / (1 + cosine)
     return turned
