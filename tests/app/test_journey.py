@@ -139,9 +139,16 @@ def test_the_whole_journey(
     for number, name in enumerate(("left", "right"), 1):
         type_into(page, f"Source of camera {number}", str(rendered / "board" / name))
     type_into(page, "Pictures a second of folders", "1.5")
+    type_into(page, "Standard uncertainty of that side", "15")
+    tab_to(page, "Save and open the cameras")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("text=the uncertainty of the square size is 15.0 mm")
+    assert not (folder / "session.toml").exists()
+    type_into(page, "Standard uncertainty of that side", "0.01")
     tab_to(page, "Save and open the cameras")
     page.keyboard.press("Enter")
     page.wait_for_selector("img[data-frames]")
+    assert pipeline.load(folder).board.square_u_mm == 0.01
     page.wait_for_selector("text=All checks pass.")
 
     # 2 Calibrate: views take themselves, each with both cameras

@@ -12,6 +12,7 @@ from pivometer.app.capture_controls import CaptureControls
 from pivometer.app.shell import (
     Tell,
     add_pictures,
+    ask_for_description,
     button,
     enable,
     keys,
@@ -38,7 +39,7 @@ def calibrate_page(work: Work, watcher: Watcher) -> None:
     """Draw the page."""
     with page_frame(work, "/calibrate", _LEAD):
         if work.session is None:
-            tag("p", "Describe the session in step 1 first.")
+            ask_for_description()
             return
         _CalibratePage(work, watcher)
 

@@ -13,6 +13,7 @@ from pivometer.app.shaft_task import ShaftTask
 from pivometer.app.shell import (
     Tell,
     add_pictures,
+    ask_for_description,
     button,
     drawing,
     keys,
@@ -47,7 +48,7 @@ async def poses_page(work: Work, watcher: Watcher) -> None:
     with page_frame(work, "/poses", _LEAD):
         session = work.session
         if session is None:
-            tag("p", "Describe the session in step 1 first.")
+            ask_for_description()
             return
         if any(
             file.frame is not None for files in session.shaft.values() for file in files.values()

@@ -8,7 +8,7 @@ from pathlib import Path
 from nicegui import ui
 
 from pivometer import pipeline
-from pivometer.app.shell import Tell, button, enable, keys, page_frame, tag
+from pivometer.app.shell import Tell, ask_for_description, button, enable, keys, page_frame, tag
 from pivometer.app.watcher import Watcher
 from pivometer.app.work import Work, fault_text
 from pivometer.errors import PivometerError
@@ -33,7 +33,7 @@ async def report_page(work: Work, watcher: Watcher) -> None:
     watcher.set_task(None)
     with page_frame(work, "/report", _LEAD):
         if work.session is None:
-            tag("p", "Describe the session in step 1 first.")
+            ask_for_description()
             return
         await _ReportPage(work).draw()
 

@@ -9,7 +9,16 @@ from markupsafe import Markup
 from nicegui import ui
 
 from pivometer.app.result_figures import Drawn, drawn, show_figures, show_tables
-from pivometer.app.shell import Field, Tell, button, enable, keys, page_frame, tag
+from pivometer.app.shell import (
+    Field,
+    Tell,
+    ask_for_description,
+    button,
+    enable,
+    keys,
+    page_frame,
+    tag,
+)
 from pivometer.app.view_list import ViewList, ViewRow
 from pivometer.app.watcher import Watcher
 from pivometer.app.work import Work, fault_text
@@ -31,7 +40,7 @@ async def result_page(work: Work, watcher: Watcher) -> None:
     watcher.set_task(None)
     with page_frame(work, "/result", _LEAD):
         if work.session is None:
-            tag("p", "Describe the session in step 1 first.")
+            ask_for_description()
             return
         await _ResultPage(work).draw()
 

@@ -58,6 +58,11 @@ class SetupForm:
                 _shown(board.square_mm if board else None),
                 kind="number",
             )
+            self._square_u = Field(
+                "Standard uncertainty of that side, mm (optional)",
+                _shown(board.square_u_mm if board else None),
+                kind="number",
+            )
             self._form = Field("Its form", board.form if board else "bowed", options=_FORMS)
             self._dictionary = Field(
                 "Dictionary (ChArUco)",
@@ -136,7 +141,7 @@ class SetupForm:
                 round(_number(self._down, "squares down")),
             ),
             square_mm=_number(self._square, "the side of a square"),
-            square_u_mm=self._session.board.square_u_mm if self._session else None,
+            square_u_mm=_optional(self._square_u, "the uncertainty of a square's side"),
             dictionary=(self._dictionary.value or "DICT_4X4_50") if charuco else None,
             marker_mm=_number(self._marker, "the side of a marker") if charuco else None,
             form=self._form.value,  # type: ignore[arg-type]
@@ -145,7 +150,7 @@ class SetupForm:
         known = self._session
         return Settings(
             board=board,
-            diameter_mm=_number(self._diameter, "the diameter") if self._diameter.value else None,
+            diameter_mm=_optional(self._diameter, "the diameter"),
             camera_names=names,
             reference=names[0],
             device=_named(known.device if known else {}, self._device.value),
@@ -159,7 +164,8 @@ _DICTIONARIES = ("DICT_4X4_50", "DICT_4X4_100", "DICT_5X5_100", "DICT_6X6_250")
 
 
 def _shown(value: float | None) -> str:
-    return "" if value is None else f"{value:g}"
+    """Return a number as it was typed: what is saved again must not lose digits."""
+    return "" if value is None else f"{value:.12g}"
 
 
 def _number(field: Field, what: str) -> float:
@@ -170,6 +176,10 @@ def _number(field: Field, what: str) -> float:
     if not math.isfinite(value):
         raise UsageError(f"{what} is {field.value!r}, no number", next_step="correct it")
     return value
+
+
+def _optional(field: Field, what: str) -> float | None:
+    return _number(field, what) if field.value.strip() else None
 
 
 def _free(table: Mapping[str, object]) -> str:

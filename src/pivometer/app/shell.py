@@ -145,6 +145,11 @@ class Tell(Tag):
         self.set(content)
 
 
+def ask_for_description() -> None:
+    """Say what every later step needs first."""
+    tag("p", "Describe the session in step 1 first.")
+
+
 def live_view(name: str) -> ui.element:
     """Return a camera's live picture with its name."""
     with ui.element("figure").classes("view") as figure:
