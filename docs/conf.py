@@ -42,6 +42,7 @@ autodoc_typehints = "none"  # `python_names` writes them where the parameters ar
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
 napoleon_google_docstring = False
+napoleon_use_param = False
 napoleon_use_rtype = False
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 80

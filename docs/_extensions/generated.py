@@ -39,7 +39,7 @@ def _written(name: str, *arguments: str) -> str:
 
 def commands() -> Iterator[str]:
     """List every command with what it does."""
-    yield from ("| command | |", "|---|---|")
+    yield from ("| command | what it does |", "|---|---|")
     for name, command in _commands().items():
         yield f"| [`pivometer {name}`](#pivometer-{name}) | {_first_sentence(command.help)} |"
 
@@ -106,9 +106,9 @@ def session_toml() -> Iterator[str]:
         for field in dataclasses.fields(Board)
         if field.default not in (dataclasses.MISSING, None)
     }
-    for table, meaning in {"": "Beside the tables", **TABLES}.items():
+    for table, meaning in {**TABLES, "": ""}.items():
         yield from (f"### `[{table}]`" if table else "### Outside of any table", "")
-        yield from ([f"{_capital(meaning)}."] if table else ["Above the first table."]) + [""]
+        yield from (f"{_capital(meaning)}." if table else "These stand above the first table.", "")
         keys = {name: key for name, key in KEYS.items() if name.rpartition(".")[0] == table}
         if table in FREE_TABLES:
             yield from ("Any keys and values; they stand in the report and in `result.json`.", "")
@@ -211,7 +211,7 @@ def _held_types() -> tuple[tuple[str, str], ...]:
 def _described(names: Sequence[tuple[str, str]]) -> Iterator[str]:
     """Write a table of names with their first sentences, and an entry for each below it."""
     homes = [(_home(module, name), name) for module, name in names]
-    yield from ("| name | |", "|---|---|")
+    yield from ("| name | what it is |", "|---|---|")
     for (module, name), (home, _) in zip(names, homes, strict=True):
         sentence = _first_sentence(_documentation(importlib.import_module(module), name))
         yield f"| {{py:obj}}`~{home}.{name}` | {_plain(sentence)} |"
@@ -243,7 +243,7 @@ def _home(module: str, name: str) -> str:
 
 
 def _public(module: ModuleType) -> Iterator[str]:
-    """Yield `__all__`, or what the module defines or documents without a leading underscore."""
+    """Yield `__all__`, or the functions and classes of the module without a leading underscore."""
     if hasattr(module, "__all__"):
         yield from module.__all__
         return
@@ -251,8 +251,6 @@ def _public(module: ModuleType) -> Iterator[str]:
         match node:
             case ast.FunctionDef(name=name) | ast.ClassDef(name=name) if name[0] != "_":
                 yield name
-            case ast.Assign() | ast.AnnAssign():
-                yield from ({ast.unparse(_target(node))} & _documented(module).keys())
 
 
 def _documented(module: ModuleType) -> Mapping[str, str]:

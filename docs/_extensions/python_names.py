@@ -5,13 +5,14 @@ docstrings and in the Markdown pages, become links where they name something tha
 """
 
 import ast
+import dataclasses
 import importlib
 import inspect
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin
 
 from docutils import nodes
 from sphinx import addnodes
@@ -30,8 +31,15 @@ def _write_types(_: Sphinx, what: str, __: str, thing: Any, ___: object, lines: 
     """Add the annotated types to the Parameters, and to Returns where it has none."""
     if what not in ("class", "exception", "function", "method") or not lines:
         return
-    types = _annotations(thing)
-    lines[:] = [_typed(line, types) for line in lines]
+    types = {name: _linked(text) for name, text in _annotations(thing).items()}
+    section = ""
+    for number, line in enumerate(lines):
+        if lines[number + 1 : number + 2] == ["-" * len(line)] and line:
+            section = line
+        elif section == "Parameters":
+            lines[number] = _typed(line, types)
+        elif section == "Returns" and lines[number - 1] == "-" * len("Returns"):
+            lines[number] = types["return"] if types["return"].startswith(":") else line
     returned = types.get("return", "None")
     if what in ("function", "method") and returned != "None" and "Returns" not in lines:
         at = _before_end(lines)
@@ -47,6 +55,12 @@ def _typed(line: str, types: Mapping[str, str]) -> str:
     return f"{line} : {' or '.join(kinds)}"
 
 
+def _linked(text: str) -> str:
+    """Write our own types as references, by their last name, and choices as they are typed."""
+    text = re.sub(r"'([^']*)'", r'``"\1"``', text)
+    return re.sub(r"pivometer\.[\w.]+", r":py:class:`~\g<0>`", text)
+
+
 def _before_end(lines: Sequence[str]) -> int:
     """Return where a Returns section belongs: before the sections that follow it."""
     later = ("Raises", "References", "Examples", "Notes", "See Also", "Warns")
@@ -54,6 +68,13 @@ def _before_end(lines: Sequence[str]) -> int:
         if line in later and lines[index + 1 : index + 2] == ["-" * len(line)]:
             return index
     return len(lines)
+
+
+def _without_fields(
+    _: Sphinx, what: str, __: str, thing: Any, *___: object
+) -> tuple[str, None] | None:
+    """Drop the signature of a dataclass: its parameters are listed below it all the same."""
+    return ("", None) if what == "class" and dataclasses.is_dataclass(thing) else None
 
 
 def _annotations(thing: Any) -> dict[str, str]:
@@ -69,7 +90,7 @@ def _annotations(thing: Any) -> dict[str, str]:
             _annotations(base) for base in thing.__bases__ if base.__module__[:4] == "pivo"
         ]
         own = {
-            node.target.id: _printed(node.annotation, names)
+            node.target.id: _printed(node.annotation, names) + (", optional" if node.value else "")
             for node in tree.body
             if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
         }
@@ -105,6 +126,10 @@ def types_of(thing: Any) -> set[Any]:
     return {one for one in found if inspect.isclass(one)}
 
 
+_NUMPY = ("ArrayLike", "Floats", "Ids", "Image")
+"""Aliases whose names say more than what they stand for."""
+
+
 class _Printed(ast.NodeTransformer):
     def __init__(self, names: Mapping[str, Any]) -> None:
         self.names = names
@@ -116,10 +141,13 @@ class _Printed(ast.NodeTransformer):
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
         meant = self.names.get(node.id)
-        if get_origin(meant) is not None and str(meant).startswith("typing.Literal"):
-            return ast.parse(" | ".join(map(repr, get_args(meant))), mode="eval").body
         if inspect.isclass(meant) and meant.__module__.startswith("pivometer"):
             return ast.Name(id=f"{meant.__module__}.{meant.__qualname__}")
+        if get_origin(meant) is Literal:
+            return ast.Name(id=" | ".join(map(repr, get_args(meant))))
+        if get_origin(meant) is not None and node.id not in _NUMPY and get_args(meant):
+            written = re.sub(r"(collections\.abc|typing|pathlib)\.", "", str(meant))
+            return ast.Name(id=written)
         return node
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
@@ -251,6 +279,7 @@ def _lead_back(app: Sphinx, page: str, _: str, context: dict[str, Any], __: obje
 def setup(app: Sphinx) -> dict[str, Any]:
     """Come before napoleon, which turns sections into fields."""
     app.connect("autodoc-process-docstring", _write_types, priority=100)
+    app.connect("autodoc-process-signature", _without_fields)
     app.connect("missing-reference", _link)
     app.connect("html-page-context", _lead_back)
     app.add_post_transform(_LinkLiterals)

@@ -121,6 +121,17 @@ def test_the_help_of_a_command_opens_with_an_example(
     assert capsys.readouterr().out.startswith(f"Example:  pivometer {command}")
 
 
+def test_paragraphs_of_the_help_fill_the_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The source breaks these lines elsewhere."""
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["verify", "--help"]) == 0
+    shown = capsys.readouterr().out
+    assert "measures the\nsession again and compares every figure." in shown
+    assert "whoever can write a whole new result   │" in shown
+
+
 USUAL = {
     "hints": {},
     "centerline": "paper",

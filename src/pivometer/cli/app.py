@@ -9,6 +9,7 @@ from cyclopts import App, CycloptsError
 
 from pivometer._version import __version__
 from pivometer.cli.faults import tell_fault, tell_internal, tell_interrupted, tell_usage
+from pivometer.cli.help_text import FilledParagraphs
 from pivometer.errors import PivometerError
 
 app = App(
@@ -16,6 +17,7 @@ app = App(
     help="Measure the remote center of motion (RCM) of a surgical robot with two cameras or more.",
     help_epilogue="Exit codes: 0 done, 2 wrong usage or configuration, 3 data unfit for an answer.",
     help_format="plaintext",
+    help_formatter=FilledParagraphs(),
     version=f"pivometer {__version__}",
     suppress_keyboard_interrupt=False,
     print_error=False,
