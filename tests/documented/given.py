@@ -131,12 +131,17 @@ class Given:
         for name, part in SESSIONS.items():
             root = folder / name
             if _named(name, step.text) and not (root / "session.toml").is_file():
+                if name == "next-session" and (folder / "bench-session" / "session.toml").is_file():
+                    shutil.copytree(folder / "bench-session", root, ignore=_no_results)
+                    continue
                 ignore = shutil.ignore_patterns() if name in MEASURED else _no_results
                 shutil.copytree(self.part(part), root, ignore=ignore, dirs_exist_ok=True)
         for name, file in FILES.items():
             if name in step.text and not (folder / name).is_file():
+                own = folder / "results" / file  # an earlier result of the page's own robot
+                found = own if own.is_file() else self.part(0) / "results" / file
                 (folder / name).parent.mkdir(parents=True)
-                shutil.copy(self.part(0) / "results" / file, folder / name)
+                shutil.copy(found, folder / name)
 
     def part(self, number: int) -> Path:
         """Return the measured session of one set of poses."""

@@ -10,6 +10,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -157,6 +158,8 @@ def served(step: Step, words: list[str]) -> str:
         text=True,
         env=environment | {"BROWSER": nothing},
     ) as process:
+        stop = threading.Timer(ANSWERS_WITHIN_S, process.kill)
+        stop.start()
         try:
             assert process.stdout is not None
             said = process.stdout.readline()
@@ -165,8 +168,10 @@ def served(step: Step, words: list[str]) -> str:
             if found:
                 status, body = _opened(int(found[1]), found[2])
                 process.send_signal(signal.SIGINT)
-            rest, _ = process.communicate(timeout=ANSWERS_WITHIN_S)
+            rest = process.stdout.read()
+            process.wait()
         finally:
+            stop.cancel()
             process.kill()
     if status != HTTPStatus.OK or b"Pivometer" not in body or process.returncode != step.code:
         raise StepFailedError(f"{step}: {status}, exit code {process.returncode}\n{said}{rest}")
