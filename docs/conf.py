@@ -21,6 +21,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
+    "accessibility",
     "generated",
     "mathml",
     "python_names",
@@ -38,6 +39,7 @@ myst_heading_anchors = 4
 # --- Python ---
 
 default_role = "py:obj"
+autodoc_default_options = {"members": True}
 autodoc_typehints = "none"  # `python_names` writes them where the parameters are described
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True

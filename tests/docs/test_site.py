@@ -128,6 +128,7 @@ def test_the_equations_lead_to_their_functions(pages):
     links = pages["conventions.html"].links
     assert "reference/python/rcm.html#pivometer.rcm.minimax_rcm" in links
     assert "reference/python/shaft.html#pivometer.shaft.silhouette.coimage_normal" in links
+    assert "reference/python/cameras.html#pivometer.cameras.Camera.project" in links
 
 
 def test_commands_keys_and_results_are_all_described(pages):
@@ -148,3 +149,44 @@ def test_formulas_are_mathml(pages):
     assert {"math", "mtable", "msubsup"} <= page.tags
     assert "merror" not in page.tags
     assert not [name for name, page in pages.items() if "$$" in page.text]
+
+
+CHROMIUM = Path("/usr/bin/chromium")
+READ = [
+    "index.html",
+    "explanation/mathematics.html",
+    "explanation/report.html",
+    "reference/python/rcm.html",
+    "reference/command-line.html",
+]
+THEME_S_OWN = {"landmark-unique"}
+"""Furo's two sidebars have no names."""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if not CHROMIUM.exists():
+        pytest.skip(f"no browser at {CHROMIUM}")
+    with sync_api.sync_playwright() as playwright:
+        opened = playwright.chromium.launch(
+            executable_path=str(CHROMIUM), args=["--no-sandbox", "--disable-gpu"]
+        )
+        yield opened
+        opened.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_pages_can_be_read_by_everyone_and_ask_no_host(site, browser, scheme):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not there")
+    context = browser.new_context(viewport={"width": 390, "height": 800}, color_scheme=scheme)
+    page, asked = context.new_page(), []
+    page.on("request", lambda request: asked.append(request.url))
+    for name in READ:
+        page.goto((site / name).as_uri())
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        found = {one["id"] for one in axe.Axe().run(page).response["violations"]}
+        assert found <= THEME_S_OWN, name
+    assert asked
+    assert not [url for url in asked if not url.startswith(("file:", "data:"))]
+    context.close()
