@@ -56,16 +56,20 @@ class Page(HTMLParser):
                 self.anchors.add(value)
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory) -> Path:
-    """Build the site as ``make docs`` does; a warning fails it."""
-    folder = tmp_path_factory.mktemp("site")
-    built = subprocess.run(  # noqa: S603
-        [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", DOCS, folder],
+def build(pages: Path, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Build as ``make docs`` does; a warning fails it."""
+    return subprocess.run(  # noqa: S603
+        [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-c", DOCS, pages, folder],
         capture_output=True,
         text=True,
         check=False,
     )
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("site")
+    built = build(DOCS, folder)
     assert (built.returncode, built.stderr) == (0, "")
     return folder
 
@@ -111,6 +115,22 @@ def test_every_link_leads_somewhere(site, pages):
             if not found or (anchor and target in pages and anchor not in pages[target].anchors):
                 broken.append((name, link))
     assert broken == []
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ("[gone](gone.md)", "gone.md"),
+        ("[gone](index.md#gone)", "gone"),
+        ("{py:obj}`pivometer.gone`", "pivometer.gone"),
+    ],
+)
+def test_a_wrong_reference_fails_the_build(tmp_path, wrong, told):
+    (tmp_path / "pages").mkdir()
+    (tmp_path / "pages" / "index.md").write_text(f"# Title\n\n{wrong}\n", encoding="utf-8")
+    built = build(tmp_path / "pages", tmp_path / "site")
+    assert built.returncode != 0
+    assert told in built.stderr
 
 
 def test_a_broken_link_would_be_found():
