@@ -1,5 +1,6 @@
 """Two cameras before which two rods turn: together they know which is thicker in mm."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -8,7 +9,10 @@ import pytest
 
 from pivometer.cameras import Camera, Rig
 from pivometer.geometry import RigidTransform, tangent_plane_normals
+from pivometer.io.images import read_image
 from pivometer.io.session import load
+from pivometer.measurement import ImportedRig
+from pivometer.pipeline.live_shaft import LiveShaft
 from pivometer.pipeline.measuring import see_shafts
 from pivometer.pipeline.shafts import camera_shafts
 from pivometer.shaft.edges import ShaftEdges
@@ -103,3 +107,35 @@ def test_four_poses_give_an_answer_only_where_one_thing_moves(tmp_path, things, 
     assert found or all(
         "state diameter_mm" in one.what or "either may be" in one.what for one in edges
     )
+
+
+def test_the_live_view_shows_the_rod_that_measure_takes(tmp_path):
+    session = load(written(tmp_path, poses=8, things=2))
+    live = LiveShaft(ImportedRig(RIG, "truth", {}))
+
+    def glimpse(stem):
+        files = session.shaft[stem]
+        return live.glimpse({name: read_image(file.path) for name, file in files.items()})
+
+    live.follow(replace(session, shaft=dict(list(session.shaft.items())[:4])))
+    early = glimpse("6")
+    assert not early.edges_px
+    assert {*early.reasons} == {"left", "right"}
+    live.follow(session)
+    shown, wanted = [], see_shafts(session, RIG).edges
+    for stem in session.shaft:
+        pose = glimpse(stem)
+        for camera, place in zip(CAMERAS, RIG.reference_from_camera, strict=True):
+            if camera.name in pose.edges_px:
+                truth = edges_of(camera, place.inverse(), TILTS[int(stem)])
+                ends = pose.edges_px[camera.name]
+                off = [[away_px(edge, true) for edge in ends] for true in truth]
+                shown.append(min(max(off[0][0], off[1][1]), max(off[0][1], off[1][0])))
+    assert len(shown) >= 12
+    assert max(shown) < 3  # unrefined edges are good to about 2 px, the drawing to one more
+    taken = {stem for stem in session.shaft if live.fault_of(stem) is None}
+    found = [
+        {stem for stem, one in wanted[camera.name].items() if isinstance(one, ShaftEdges)}
+        for camera in CAMERAS
+    ]
+    assert taken == found[0] & found[1]

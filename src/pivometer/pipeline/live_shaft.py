@@ -1,12 +1,13 @@
 """The shaft while poses are taken: live edges, and the RCM of the poses so far.
 
-The pictures on the disk tell how the shaft moves; a live picture is then searched alone. Poses
-that were taken are fitted as `measure` fits them, once each.
+The pictures on the disk tell how the shaft moves, and the cameras choose it together as `measure`
+lets them; a live picture is then searched alone. Poses that were taken are fitted as `measure` fits
+them, and again if more poses tell that the shaft is another rod.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,12 +18,13 @@ from pivometer.cameras import Camera
 from pivometer.errors import DataError, PivometerError, ShaftNotFoundError
 from pivometer.geometry.line import unit
 from pivometer.io.images import HashedImage, Image
-from pivometer.io.session import Session
+from pivometer.io.session import ImageFile, Session
 from pivometer.measurement import ImportedRig, Measurement
 from pivometer.pipeline.measuring import measure_edges
 from pivometer.pipeline.reading import ReadImage, read
 from pivometer.pipeline.shafts import SHAFT_ADVICE
 from pivometer.shaft.background import sampled
+from pivometer.shaft.concurrence import agreed_finders
 from pivometer.shaft.detection import (
     LEAST_FRAMES,
     MOST_SAMPLES,
@@ -38,6 +40,10 @@ RELEARN = 1.5
 NEW_POSE_DEG = 2.0
 """A pose whose shaft is turned by less against one there is says little new: a fifteenth of the
 paper's half cone."""
+TRIED = 3
+"""Poses in which what was learned anew must find the rod that was fitted before."""
+SAME_ROD_PX = 4.0
+"""Edges before the fit are good to about 2 px; further off, all poses are fitted again."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,6 +78,7 @@ class LiveShaft:
     def __init__(self, calibration: Calibration | ImportedRig) -> None:
         self.calibration = calibration
         self._finders: dict[str, ShaftFinder] = {}
+        self._learned: dict[str, tuple[ShaftFinder, dict[int, str]]] = {}
         self._learned_from: dict[str, int] = {}
         self._seen: dict[str, dict[str, ShaftEdges | DataError]] = {}
 
@@ -82,31 +89,86 @@ class LiveShaft:
 
     def follow(self, session: Session) -> None:
         """Take in the poses that came since: learn again where they are many, and fit them."""
-        for camera in self.calibration.rig.cameras:
-            files = list(session.shaft_images(camera.name))
-            if len(files) < (1 if camera.name in session.hints else LEAST_FRAMES):
-                continue
-            if len(files) >= RELEARN * self._learned_from.get(camera.name, 0):
-                self._learn(session, camera)
-            seen = self._seen.setdefault(camera.name, {})
-            for file in files:
-                stem = file.view.rpartition("/")[2]
-                if stem not in seen and camera.name in self._finders:
-                    seen[stem] = self._fitted(read(file), camera)
+        cameras = self.calibration.rig.cameras
+        files = {camera.name: list(session.shaft_images(camera.name)) for camera in cameras}
+        learned = [self._learn(session, camera, files[camera.name]) for camera in cameras]
+        if any(learned):
+            self._finders = self._agreed(session)
+        self._seen = {
+            camera.name: self._looked_at(
+                files[camera.name], camera, self._still_known(files[camera.name], camera, new)
+            )
+            for camera, new in zip(cameras, learned, strict=True)
+            if camera.name in self._finders
+        }
 
-    def _learn(self, session: Session, camera: Camera) -> None:
-        """Learn how the shaft moves; what was not found before is then looked for again."""
-        files = list(session.shaft_images(camera.name))
-        reads = [read(files[i]) for i in sampled(len(files), MOST_SAMPLES)]
-        size = (camera.width, camera.height)
-        images = [_image(one) for one in reads if one.size == size]
-        if not images:
-            return
-        hint = session.hints.get(camera.name)
-        self._finders[camera.name] = learn_shaft(images, hint=hint)
-        self._learned_from[camera.name] = len(files)
+    def _still_known(
+        self, files: Sequence[ImageFile], camera: Camera, new: bool
+    ) -> Mapping[str, ShaftEdges | DataError]:
+        """Return what was fitted before and stands: nothing where it is of another rod.
+
+        Fewer poses may not have told the rods apart. What was not found is looked for again.
+        """
         known = self._seen.get(camera.name, {})
-        self._seen[camera.name] = {k: v for k, v in known.items() if isinstance(v, ShaftEdges)}
+        if not new:
+            return known
+        found = {stem: one for stem, one in known.items() if isinstance(one, ShaftEdges)}
+        shown = [file for file in files if _stem(file) in found]
+        tried = [shown[i] for i in sampled(len(shown), TRIED)]
+        same = all(self._finds(read(file), camera, found[_stem(file)]) for file in tried)
+        return found if same else {}
+
+    def _finds(self, one: ReadImage, camera: Camera, edges: ShaftEdges) -> bool:
+        """Tell whether the finder as it is now finds what was fitted before."""
+        if not isinstance(one.outcome, HashedImage):
+            return False
+        seed = self._finders[camera.name].find(one.outcome.image)
+        if isinstance(seed, SeedRejection):
+            return False
+        start, along = seed.edges_px[:, :1], np.diff(seed.edges_px, axis=1)
+        across = along[..., ::-1] * [-1.0, 1.0] / np.linalg.norm(along, axis=-1, keepdims=True)
+        ends = edges.points_px[:, [0, -1]]
+        away = [((either - start) * across).sum(axis=-1) for either in (ends, ends[::-1])]
+        return min(float(np.abs(one).max()) for one in away) < SAME_ROD_PX
+
+    def _looked_at(
+        self,
+        files: Sequence[ImageFile],
+        camera: Camera,
+        known: Mapping[str, ShaftEdges | DataError],
+    ) -> dict[str, ShaftEdges | DataError]:
+        """Return what a camera saw in each pose, fitted where it is not known."""
+        return {
+            stem: known[stem] if stem in known else self._fitted(read(file), camera)
+            for stem, file in zip(map(_stem, files), files, strict=True)
+        }
+
+    def _learn(self, session: Session, camera: Camera, files: Sequence[ImageFile]) -> bool:
+        """Learn how the shaft moves before a camera if its poses are many more than before."""
+        hint = session.hints.get(camera.name)
+        least = LEAST_FRAMES if hint is None else 1
+        if len(files) < max(least, RELEARN * self._learned_from.get(camera.name, 0)):
+            return False
+        reads = [read(files[i]) for i in sampled(len(files), MOST_SAMPLES)]
+        reads = [one for one in reads if one.size == (camera.width, camera.height)]
+        if not reads:
+            return False
+        finder = learn_shaft(map(_image, reads), hint=hint)
+        self._learned[camera.name] = finder, {i: one.stem for i, one in enumerate(reads)}
+        self._learned_from[camera.name] = len(files)
+        return True
+
+    def _agreed(self, session: Session) -> dict[str, ShaftFinder]:
+        """Return the cameras' finders: of what they choose together, as in `measure`."""
+        rig = self.calibration.rig
+        own = {name: finder for name, (finder, _) in self._learned.items()}
+        names = [camera.name for camera in rig.cameras]
+        if len(own) < len(names):
+            return own
+        poses = [self._learned[name][1] for name in names]
+        finders = [own[name] for name in names]
+        agreed = agreed_finders(finders, poses, rig, diameter_mm=session.diameter_mm)
+        return dict(zip(names, agreed, strict=True))
 
     def _fitted(self, one: ReadImage, camera: Camera) -> ShaftEdges | DataError:
         try:
@@ -204,6 +266,10 @@ def is_new_pose(direction: Floats, before: Floats) -> bool:
         return True
     along = np.abs(unit(before) @ unit(direction))
     return bool(along.max() < np.cos(np.radians(NEW_POSE_DEG)))
+
+
+def _stem(file: ImageFile) -> str:
+    return file.view.rpartition("/")[2]
 
 
 def _image(one: ReadImage) -> Image:
