@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -147,54 +146,35 @@ def fit_edges(
         fitted = fit_banded(turned, (maps[0], maps[1]), start)
     if fitted is None:
         empty = None if background is None else _pixels(background, camera)
-        behind = _Behind(empty, backdrop, upright=upright)
-        fitted = _fit_round(pixels, turned, camera, (maps[0], maps[1]), start, behind)
+
+        def told() -> Floats | None:
+            seen = None if backdrop is None else backdrop()
+            seen = seen if empty is None else filled(seen, empty)
+            return seen if seen is None or upright else seen.T
+
+        fitted = _fit_round(turned, (maps[0], maps[1]), start, told, clean=empty is None)
+    if fitted is None or strays(fitted):
+        fitted = fit_shaded(pixels, camera, start, FIRST_BLUR_PX)
+        blur = float(fitted.parameters[4])
+        fitted = fit_defocused(turned, (maps[0], maps[1]), start, blur) or fitted
     refuse_fit(camera, fitted, first)
     return shaft_edges(camera, fitted)
 
 
-@dataclass(frozen=True, slots=True)
-class _Behind:
-    """What may tell what stands behind the shaft."""
-
-    empty: NDArray[np.generic] | None
-    backdrop: Callable[[], Floats | None] | None
-    upright: bool
-
-    def told(self) -> Floats | None:
-        """Return it, turned as the image is."""
-        seen = None if self.backdrop is None else self.backdrop()
-        seen = seen if self.empty is None else filled(seen, self.empty)
-        return seen if seen is None or self.upright else seen.T
-
-
 def _fit_round(
-    pixels: NDArray[np.generic],
     turned: NDArray[np.generic],
-    camera: Camera,
     maps: tuple[BandMap, BandMap],
     start: tuple[EdgeLine, EdgeLine],
-    behind: _Behind,
-) -> FittedEdges:
-    """Return a shaded shaft's edges: before clutter, by what is known of that.
-
-    Where a search from the seed took a lane of the shaft for its edge, the guarded fit, which has a
-    background of its own in every row, gives a better start.
-    """
-    clean = behind.empty is None
+    behind: Callable[[], Floats | None],
+    *,
+    clean: bool,
+) -> FittedEdges | None:
+    """Return a shaded shaft's edges: before clutter, where `behind` tells what that is."""
     fitted = fit_ladder(turned, maps, start, cluttered=CLEAN_PART) if clean else None
-    told = behind.told() if fitted is None else None
-    if told is not None:
-        fitted = fit_ladder(turned, maps, start, told)
-    if fitted is None and clean:
-        fitted = fit_ladder(turned, maps, start)
-    if fitted is not None and not strays(fitted):
-        return fitted
-    guarded = fit_shaded(pixels, camera, start, FIRST_BLUR_PX)
-    fitted = fit_defocused(turned, maps, start, float(guarded.parameters[4]))
+    told = behind() if fitted is None else None
     if fitted is None and told is not None:
-        fitted = fit_ladder(turned, maps, guarded.lines, told)
-    return guarded if fitted is None or strays(fitted) else fitted
+        fitted = fit_ladder(turned, maps, start, told)
+    return fitted or (fit_ladder(turned, maps, start) if clean else None)
 
 
 def _pixels(image: ArrayLike, camera: Camera) -> NDArray[np.generic]:

@@ -159,17 +159,6 @@ class FittedEdges:
             angle.append(np.sqrt(qq) / np.hypot(*line.half_px))
         return np.array(offset), np.array(angle)
 
-    def end_sigmas(self) -> Floats:
-        """Return the sigma of each edge's offset at the worse of the ends of its rows, px."""
-        worst = []
-        for edge, used in enumerate(self.accepted):
-            own = self.covariance[2 * edge : 2 * edge + 2, 2 * edge : 2 * edge + 2]
-            seen = self.lever[edge][used]
-            levers = [seen.min(), seen.max()] if len(seen) else [0.0]
-            at = np.stack([np.ones(len(levers)), levers])
-            worst.append(np.sqrt(np.einsum("ik,ij,jk->k", at, own, at).max()))
-        return np.array(worst)
-
 
 def shaft_edges(camera: Camera, fitted: FittedEdges) -> ShaftEdges:
     """Return what is stated of fitted edges."""

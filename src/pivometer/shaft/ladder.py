@@ -21,8 +21,6 @@ from pivometer.shaft.band_map import BandMap
 from pivometer.shaft.bands import EdgeLine, tapers_px, width_px
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
-from pivometer.shaft.lanes import WINDOW as LANES
-from pivometer.shaft.lanes import fit_lanes
 from pivometer.shaft.rungs import (
     IN,
     LIMB,
@@ -99,11 +97,6 @@ FIRST_PX = 0.02
 LINEAR_PX = 0.01
 """After a step that small its square over the blur is left, 0.0001 px. With 0.03 Lambert-shaded
 edges were twice as far off: Lepskii compares estimates that differ by little."""
-
-LANES_BLUR_PX = 0.1
-LANES_SYSTEMATIC_PX = 0.02
-"""What the ladder tells of the blur, which lanes spoil a little; and what lanes leave: edges before
-drawn clutter were 0.01 px outward, as the blurred background stands for the sharp one."""
 
 SPARE_PX = 1.0
 """Windows may move so far with their edges."""
@@ -369,46 +362,16 @@ def _climbed(
         parameters = _stepped(parameters, step)
     covariance = covariance * _inflation(rests, edges.noise)
     covariance[range(4), range(4)] += np.repeat(systematic, 2)
-    if window.behind is not None:
-        _take_lanes(edges, rests, parameters, covariance)
     return _fitted(edges, rests, parameters, covariance, chosen, depth)
 
 
 def _of_both(
     samples: Samples, chosen: Sequence[Rung], parameters: Floats, widen: float
 ) -> list[Rest]:
-    """Return the rests of both edges, each with its own rung.
-
-    They come together if the rung is the same and no edge may be fitted again by itself.
-    """
-    if chosen[0] is chosen[1] and samples.behind is None:
+    """Return the rests of both edges, each with its own rung; together if that is the same."""
+    if chosen[0] is chosen[1]:
         return [evaluate(samples, chosen[0], parameters, widen)]
     return [evaluate(samples.of_edge(e), rung, parameters, widen) for e, rung in enumerate(chosen)]
-
-
-def _take_lanes(edges: _Edges, rests: list[Rest], parameters: Floats, covariance: Floats) -> None:
-    """Put in place of an edge what the background's changes tell of it.
-
-    That is, if it is more certain, or if the ladder's terms have led to somewhere else.
-    """
-    window = edges.window
-    samples = window.pixels(LANES, edges.rows)
-    blur = Blur(float(parameters[4]), LANES_BLUR_PX)
-    for edge in (0, 1):
-        own, at = samples.of_edge(edge), slice(2 * edge, 2 * edge + 2)
-        if own.behind is None:
-            continue
-        lanes = fit_lanes(own, own.behind, parameters, window.widen, blur, edges.noise)
-        if lanes is None:
-            continue
-        stated = lanes.covariance * _inflation([lanes.rest], edges.noise)
-        stated[range(2), range(2)] += LANES_SYSTEMATIC_PX**2
-        known = covariance[at, at]
-        apart = (lanes.parameters - parameters[at]) ** 2 / (stated + known).diagonal()
-        if np.trace(stated) < np.trace(known) or apart.max() > AGREEING_SIGMAS**2:
-            covariance[at] = covariance[:, at] = 0.0
-            covariance[at, at], parameters[at] = stated, lanes.parameters
-            rests[edge] = replace(lanes.rest, contrast=rests[edge].contrast)
 
 
 def _inner(rung: Rung) -> float:

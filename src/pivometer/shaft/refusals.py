@@ -14,7 +14,6 @@ LEAST_ROWS = 20
 LEAST_ROW_PART = 0.25
 LEAST_CONTRAST_NOISES = 2.0
 LARGEST_SIGMA_PX = 0.5
-LARGEST_END_SIGMA_PX = 0.3
 LEAST_WIDTH_PX = 3.0
 SEED_WIDTH_PX = 4.0
 SEED_WIDTH_PART = 0.2
@@ -22,8 +21,7 @@ LARGEST_TAPER = 0.5
 FARTHEST_PX = 4.0
 LARGEST_OVERSHOOT = 2.0
 """Refusals: fewer rows than 20 or a quarter of the seed's; contrast under twice the noise; an
-edge known to no better than half a pixel, or at usual blur to 0.3 px at its ends, where
-1 in 10 would be half a pixel off; edges closer than 3 px, or whose distance differs from
+edge known to no better than half a pixel; edges closer than 3 px, or whose distance differs from
 the seed's by more than two seeds' errors and a fifth, or from end to end by more than a half; an
 end that a fit moved by 4 px from where the search saw a grey step, which is good to 1 px; a grey
 step over twice the range of grey levels seen beside the edge: levels are then extrapolated to what
@@ -69,8 +67,6 @@ def refuse_fit(camera: Camera, fitted: FittedEdges, seed: tuple[EdgeLine, EdgeLi
             next_step="look at the overlay and give a hint for this pose",
         )
     sigma, noise = fitted.sigmas()[0], fitted.noise_grey
-    ends = fitted.end_sigmas()
-    end_limit = LARGEST_END_SIGMA_PX * max(1.0, float(fitted.parameters[4]))
     for edge, name in enumerate(("first", "second")):
         count, total = int(fitted.accepted[edge].sum()), int(fitted.counted[edge].sum())
         if count < max(LEAST_ROWS, LEAST_ROW_PART * total):
@@ -84,13 +80,6 @@ def refuse_fit(camera: Camera, fitted: FittedEdges, seed: tuple[EdgeLine, EdgeLi
             raise ShaftNotFoundError(
                 f"camera {camera.name}: the {name} edge has a contrast of {contrast:.1f} grey "
                 f"levels at a noise of {noise:.1f} and is known to {sigma[edge]:.2f} px only",
-                next_step="put a background behind the shaft that differs from it in brightness",
-            )
-        if ends[edge] > end_limit:
-            raise ShaftNotFoundError(
-                f"camera {camera.name}: the {name} edge has a contrast of {contrast:.1f} grey "
-                f"levels and its end is known to {ends[edge]:.2f} px only; {end_limit:.2f} px are "
-                "the most",
                 next_step="put a background behind the shaft that differs from it in brightness",
             )
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
 from pivometer.shaft.profile import limb, normal_cdf
@@ -118,7 +119,8 @@ def evaluate(samples: Samples, rung: Rung, parameters: Floats, widen: float) -> 
     cut = slice(int(place[0]), int(place[-1]) + 1) if place.size else slice(0, 1)
     x, count, lever = x[:, cut], count[:, cut], samples.lever[:, cut]
     root = np.sqrt(count)
-    values, slopes, spreads = terms_of(x, blur, samples, rung, cut)
+    values, slopes, spreads = _terms(x, blur, samples, rung, cut)
+    behind = None if samples.behind is None else samples.behind.grey[:, cut]
     values *= root[:, None]
     gram = values @ np.swapaxes(values, -1, -2)
     size = np.trace(gram, axis1=-2, axis2=-1)[:, None, None]
@@ -137,7 +139,7 @@ def evaluate(samples: Samples, rung: Rung, parameters: Floats, widen: float) -> 
     return Rest(
         information=rest[:, :3, :3],
         gradient=rest[:, :3, 3],
-        contrast=contrast_of(x, blur, count, levels[..., 0], samples, rung, cut),
+        contrast=_contrast(np.abs(x) < blur, count, levels[..., 0], rung, behind),
         x_px=x,
         count=count,
         residual=columns[:, 3],
@@ -147,27 +149,21 @@ def evaluate(samples: Samples, rung: Rung, parameters: Floats, widen: float) -> 
     )
 
 
-def contrast_of(
-    x: Floats,
-    blur: float,
-    count: Floats,
-    levels: Floats,
-    samples: Samples,
-    rung: Rung,
-    cut: slice = slice(None),
+def _contrast(
+    near: NDArray[np.bool_], count: Floats, levels: Floats, rung: Rung, behind: Floats | None
 ) -> Floats:
     """Return the mean grey step of each chunk; before clutter it differs from row to row."""
     inside = levels[:, rung.terms.index(IN)]
-    if samples.behind is None:
+    if behind is None:
         return np.abs(levels[:, 0] - inside)
     shift = levels[:, rung.terms.index(OUT_RAMP)] if OUT_RAMP in rung.terms else 0.0
-    weights = count * (np.abs(x) < blur)
-    steps = np.abs(levels[:, :1] * samples.behind.grey[:, cut] + (shift - inside)[:, None])
+    weights = count * near
+    steps = np.abs(levels[:, :1] * behind + (shift - inside)[:, None])
     total: Floats = (weights * steps).sum(axis=1) / np.maximum(weights.sum(axis=1), 1)
     return total
 
 
-def terms_of(
+def _terms(
     x: Floats, blur: float, samples: Samples, rung: Rung, cut: slice
 ) -> tuple[Floats, Floats, Floats]:
     """Return a rung's blurred terms and their derivatives by distance and blur, (chunks, k, p).
