@@ -171,7 +171,6 @@ def test_formulas_are_mathml(pages):
     assert not [name for name, page in pages.items() if "$$" in page.text]
 
 
-CHROMIUM = Path("/usr/bin/chromium")
 READ = [
     "index.html",
     "explanation/mathematics.html",
@@ -181,19 +180,6 @@ READ = [
 ]
 THEME_S_OWN = {"landmark-unique"}
 """Furo's two sidebars have no names."""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    if not CHROMIUM.exists():
-        pytest.skip(f"no browser at {CHROMIUM}")
-    with sync_api.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(
-            executable_path=str(CHROMIUM), args=["--no-sandbox", "--disable-gpu"]
-        )
-        yield opened
-        opened.close()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

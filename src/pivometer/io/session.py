@@ -62,6 +62,11 @@ class ImageFile:
     view: str
     frame: int | None = None
 
+    @property
+    def stem(self) -> str:
+        """The view's last part: the pose, in images of the shaft."""
+        return self.view.rpartition("/")[2]
+
 
 Views = Mapping[str, Mapping[str, ImageFile]]
 """By file stem in natural order, then by camera; a camera without an image is not there."""

@@ -113,9 +113,9 @@ class LiveShaft:
         if not new:
             return known
         found = {stem: one for stem, one in known.items() if isinstance(one, ShaftEdges)}
-        shown = [file for file in files if _stem(file) in found]
+        shown = [file for file in files if file.stem in found]
         tried = [shown[i] for i in sampled(len(shown), TRIED)]
-        same = all(self._finds(read(file), camera, found[_stem(file)]) for file in tried)
+        same = all(self._finds(read(file), camera, found[file.stem]) for file in tried)
         return found if same else {}
 
     def _finds(self, one: ReadImage, camera: Camera, edges: ShaftEdges) -> bool:
@@ -139,8 +139,8 @@ class LiveShaft:
     ) -> dict[str, ShaftEdges | DataError]:
         """Return what a camera saw in each pose, fitted where it is not known."""
         return {
-            stem: known[stem] if stem in known else self._fitted(read(file), camera)
-            for stem, file in zip(map(_stem, files), files, strict=True)
+            file.stem: known[file.stem] if file.stem in known else self._fitted(read(file), camera)
+            for file in files
         }
 
     def _learn(self, session: Session, camera: Camera, files: Sequence[ImageFile]) -> bool:
@@ -266,10 +266,6 @@ def is_new_pose(direction: Floats, before: Floats) -> bool:
         return True
     along = np.abs(unit(before) @ unit(direction))
     return bool(along.max() < np.cos(np.radians(NEW_POSE_DEG)))
-
-
-def _stem(file: ImageFile) -> str:
-    return file.view.rpartition("/")[2]
 
 
 def _image(one: ReadImage) -> Image:

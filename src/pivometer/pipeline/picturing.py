@@ -41,7 +41,7 @@ def shaft_pictures(
     made = streamed(picture, files, "drawing the report", progress)
     thumbnails, profiles = {}, {}
     for file, drawn in zip(files, made, strict=True):
-        key = (file.view.rpartition("/")[2], file.camera)
+        key = (file.stem, file.camera)
         if drawn is not None:
             thumbnails[key] = drawn[0]
             if drawn[1] is not None:

@@ -47,7 +47,7 @@ class ReadImage:
     @property
     def stem(self) -> str:
         """The view's last part: the pose, in images of the shaft."""
-        return self.file.view.rpartition("/")[2]
+        return self.file.stem
 
     @property
     def size(self) -> tuple[int, int] | None:

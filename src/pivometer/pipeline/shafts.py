@@ -105,7 +105,7 @@ class _Look:
         fitted = streamed(self._edges, self._files, stage, self._progress, self.first.kept)
         for file, (digests, outcome) in zip(self._files, fitted, strict=True):
             inputs |= digests
-            outcomes[_pose(file.view)] = outcome
+            outcomes[file.stem] = outcome
         return CameraShafts(outcomes, inputs, None if self.finder is None else self.finder.warning)
 
     def _edges(self, frame: ReadImage) -> tuple[dict[str, str], ShaftEdges | DataError]:
@@ -150,10 +150,6 @@ class _Look:
         return backdrop_of(images, shafts)
 
 
-def _pose(view: str) -> str:
-    return view.rpartition("/")[2]
-
-
 class _FirstPass:
     """Some frames, evenly spread: their places among the samples, and those that are kept."""
 
@@ -170,7 +166,7 @@ class _FirstPass:
     @property
     def poses(self) -> dict[int, str]:
         """The pose that each sample shows."""
-        return {sample: _pose(view) for view, sample in self.samples.items()}
+        return {sample: view.rpartition("/")[2] for view, sample in self.samples.items()}
 
     def learned(self, background: Image | None, hint: ShaftHint | None) -> ShaftFinder | None:
         """Return what the frames tell; None where none can be read."""
