@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -23,6 +23,8 @@ from benchmarks.shaft_edges.scenes import (
     Look,
     Scene,
     bound_px,
+    composited,
+    exposed,
     make,
     middle_of,
     supersampled_difference,
@@ -82,6 +84,21 @@ def lambert(rng: np.random.Generator) -> Scene:
     )
 
 
+FILTERS = (((1.0, 1.0), (1.0, 0.9)), ((1.0, 0.9), (1.0, 0.7)))
+"""What filters of two rows and two columns pass of the dark and of the bright thing."""
+
+
+def filtered(rng: np.random.Generator) -> Scene:
+    """Render the matt shaft, yellowish before grey, behind a mosaic of colour filters."""
+    scene = lambert(rng)
+    image, part = np.empty(scene.clean.shape), (scene.clean - 20.0) / 160.0
+    for row, filters in enumerate(FILTERS):
+        for column, (dark, bright) in enumerate(filters):
+            at = slice(row, None, 2), slice(column, None, 2)
+            image[at] = 20.0 * dark + (180.0 * bright - 20.0 * dark) * part[at]
+    return replace(scene, image=exposed(image, scene.look.noise, rng))
+
+
 def metal(rng: np.random.Generator) -> Scene:
     """Render brushed metal lit from one side: a broad highlight between axis and edge."""
     towards, shine = rng.uniform(35, 65), rng.uniform(4, 16)
@@ -118,6 +135,21 @@ def clutter(rng: np.random.Generator) -> Scene:
     return make(rng, Look(flat(190.0), 80.0, 0.8, 2.0, texture=texture))
 
 
+def colourful(rng: np.random.Generator) -> Scene:
+    """Render texture of many colours behind a mosaic of colour filters; an empty frame is given."""
+    scene = clutter(rng)
+    assert scene.look.texture is not None
+    texture = scene.look.texture
+    image, empty = np.empty((2, *scene.clean.shape))
+    for place, tint in enumerate((0.1, 0.0, 0.0, -0.1)):
+        tinted = (texture * (1 + tint * np.sin(texture / 12))).astype(np.float32)
+        at = slice(place // 2, None, 2), slice(place % 2, None, 2)
+        for picture, shaft in ((image, True), (empty, False)):
+            picture[at] = composited(scene.geometry, tinted, scene.look, shaft=shaft)[at]
+    shown, behind = (exposed(picture, scene.look.noise, rng) for picture in (image, empty))
+    return replace(scene, image=shown, background=behind)
+
+
 LENS = (-0.28, 0.0)
 
 
@@ -146,9 +178,11 @@ ROWS = (
     Row("5–10 px wide", thin, False, "1.1×"),
     Row("k₁ = −0.28", distorted, False, "1.1× of clean"),
     Row("Lambert, each edge", lambert, False, "5"),
+    Row("Lambert behind filters, each edge", filtered, False, "1.5× of Lambert"),
     Row("oblique metal, centre", metal, True, "15"),
     Row("highlight stripe, centre", stripe, True, "100"),
     Row("textured clutter", clutter, False, "8", 0.25),
+    Row("many colours behind filters", colourful, False, "8", 0.1),
 )
 
 

@@ -120,6 +120,21 @@ def test_error_is_at_the_noise_limit_and_the_stated_uncertainty_is_right(
     assert np.sqrt((ratio**2).mean()) == pytest.approx(1, abs=0.3)
 
 
+@pytest.mark.parametrize("filters", [(1.0, 0.9, 0.9, 0.7), (1.0, 0.88, 0.88, 0.62)])
+def test_corners_in_a_mosaic_of_filters_are_as_good_as_in_grey(tilted, filters):
+    clean = tilted.render(0.7)
+    white = np.tile(np.reshape(filters, (2, 2)), (120, 160))
+    for black in (white, 1.0):  # filters and light of one colour each, or black as grey everywhere
+        part = (clean - 40) / 170
+        view = found(noisy(40 * black * (1 - part) + 210 * white * part, 2))
+        error = view.pixels - tilted.corners()
+        # the limit without filters, over the contrast that they leave: rms of their reciprocals
+        contrast = (210 * np.array(filters) - 40) / 170
+        assert np.sqrt((error**2).mean()) <= 0.0067 * np.sqrt((contrast**-2.0).mean())
+        ratio = error / view.sigma_px[:, None]
+        assert np.sqrt((ratio**2).mean()) == pytest.approx(1, abs=0.3)
+
+
 def test_slow_light_and_bent_lines_do_not_move_corners():
     scene = Scene(CHECKER, homography(CHECKER, turn=-0.1), bend=0.06)
     image = np.rint(scene.render(0.8, slope=0.4) * 200).astype(np.uint16)

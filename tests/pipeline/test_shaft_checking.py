@@ -8,8 +8,14 @@ import pytest
 from pivometer.cameras import Camera, Rig
 from pivometer.geometry import RigidTransform, tangent_plane_normals
 from pivometer.measurement import ImportedRig, PoseCylinder, RejectedPose, ShaftAgreement
-from pivometer.pipeline.shaft_checking import Triangulated, checked_poses, shaft_findings
+from pivometer.pipeline.shaft_checking import (
+    Triangulated,
+    checked_poses,
+    shaft_findings,
+    with_shaft,
+)
 from pivometer.shaft.edges import ShaftEdges
+from pivometer.shaft.mosaic_edges import ADVICE, WARNING
 from pivometer.shaft.triangulation import triangulate_centerline
 from pivometer.uncertainty.shaft_bend import ShaftBend
 from pivometer.uncertainty.shaft_check import MoveTest, ShaftDiameter
@@ -177,3 +183,13 @@ def test_inconsistent_poses_that_stay_are_named(make_measurement):
     (finding,) = shaft_findings(replace(measurement, poses=poses, shaft=agreement()))
     assert "in 1 of 8 poses" in finding.text
     assert f"({wrong.pose})" in finding.text
+
+
+def test_a_camera_of_raw_mosaics_is_named(make_measurement):
+    measurement = make_measurement(count=8)
+    first, *rest = measurement.used
+    warned = (replace(first.edges[0], warnings=(f"{WARNING}; {ADVICE}",)), *first.edges[1:])
+    poses = (replace(first, edges=warned), *rest)
+    measurement = with_shaft(replace(measurement, poses=poses, findings=()), None, "paper")
+    told = [finding.text for finding in measurement.findings if "mosaic" in finding.text]
+    assert told == [f"camera {first.edges[0].camera}: {WARNING}"]

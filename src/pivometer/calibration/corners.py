@@ -17,6 +17,7 @@ from pivometer.calibration.board import Board, BoardView, Ids
 from pivometer.calibration.grid import GridMap, LocalFrames, fit_grid_map
 from pivometer.calibration.saddles import Image, SaddleFits, Windows, fit_saddles
 from pivometer.calibration.seeds import Seeds, board_hypotheses, other_sizes
+from pivometer.cameras.mosaic import evened, is_mosaic
 from pivometer.errors import BoardNotFoundError, ImageError
 
 ARM_PX = 20.0
@@ -100,7 +101,9 @@ def _grey(image: ArrayLike, view: str) -> Image:
             f"{view}: the image is an array of shape {array.shape} and type {array.dtype}",
             next_step="pass a grey image of 8 or 16 bit, at least 16 px wide and high",
         )
-    return array
+    if not is_mosaic(array):
+        return array
+    return np.clip(np.rint(evened(array)), 0, np.iinfo(array.dtype).max).astype(array.dtype)
 
 
 def _measured(image: Image, board: Board, seeds: Seeds) -> _Measured | None:

@@ -21,6 +21,7 @@ from pivometer.measurement import (
 )
 from pivometer.rcm import Finding
 from pivometer.shaft.edges import ShaftEdges
+from pivometer.shaft.mosaic_edges import ADVICE, WARNING
 from pivometer.shaft.triangulation import Centerline
 from pivometer.uncertainty.shaft_bend import shaft_bend
 from pivometer.uncertainty.shaft_check import LEAST_POSES, ShaftCheck, check_shaft
@@ -125,6 +126,9 @@ _UNFIT = Finding(
 
 def with_shaft(measurement: Measurement, check: ShaftCheck | None, route: Route) -> Measurement:
     """Add what the cylinders say of each pose, of the session and of the shaft."""
+    measurement = replace(
+        measurement, findings=(*measurement.findings, *_mosaic_findings(measurement.used))
+    )
     if check is None:
         unfit = _judgeable([pose.edges for pose in measurement.used])
         told = (_UNFIT,) if unfit else ()
@@ -210,6 +214,12 @@ def _moved_finding(shaft: ShaftAgreement) -> Finding | None:
             "compressed with loss, take them without, since that shifts edges, too",
         )
     return None
+
+
+def _mosaic_findings(used: Sequence[UsedPose]) -> list[Finding]:
+    edges = [one for pose in used for one in pose.edges]
+    cameras = dict.fromkeys(one.camera for one in edges if WARNING in "".join(one.warnings))
+    return [Finding("warning", f"camera {name}: {WARNING}", ADVICE) for name in cameras]
 
 
 def _poses_finding(used: Sequence[UsedPose]) -> Finding | None:

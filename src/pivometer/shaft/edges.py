@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pivometer._arrays import Floats, checked
 from pivometer.cameras.model import Camera
+from pivometer.cameras.mosaic import is_mosaic, luminance
 from pivometer.errors import ShapeError
 from pivometer.shaft.backdrop import filled
 from pivometer.shaft.band_map import BandMap, band_map
@@ -18,6 +20,7 @@ from pivometer.shaft.defocused import fit_defocused
 from pivometer.shaft.detection import ShaftSeed
 from pivometer.shaft.fitted import FittedEdges, ShaftEdges, shaft_edges
 from pivometer.shaft.ladder import CLEAN_PART, fit_ladder
+from pivometer.shaft.mosaic_edges import ADVICE, WARNING, clipped_part, evened_beside
 from pivometer.shaft.plain import fit_plain
 from pivometer.shaft.refusals import refuse_fit, refuse_outside, refuse_width, strays
 from pivometer.shaft.search import found_lines
@@ -94,7 +97,8 @@ def fit_edges(
     Offset and angle of both edges and the blur are common to the whole shaft; grey levels are
     free in every short chunk of it. Where they are flat, a quick fit suffices; else the inside
     follows the limb of a round shaft, and the outside, if it must, is free in every row. Rows that
-    occlusion, collars or clutter spoil are found by their disagreement.
+    occlusion, collars or clutter spoil are found by their disagreement. A raw mosaic of colour
+    filters is evened first, with a warning.
 
     Parameters
     ----------
@@ -127,8 +131,10 @@ def fit_edges(
     ----------
     Wilson et al., section V, for what it replaces; `plain` and `shaded` for the models.
     """
-    pixels = _pixels(image, camera)
+    raw = _pixels(image, camera)
     refuse_outside(camera, seed)
+    mosaic = is_mosaic(raw)
+    pixels = evened_beside(raw, seed.edges_px) if mosaic else raw
     first = edge_lines(seed.edges_px, camera)
     width = width_px(first)
     refuse_width(camera, width, width)
@@ -148,8 +154,7 @@ def fit_edges(
         empty = None if background is None else _pixels(background, camera)
 
         def told() -> Floats | None:
-            seen = None if backdrop is None else backdrop()
-            seen = seen if empty is None else filled(seen, empty)
+            seen = _behind(backdrop, empty, seed if mosaic else None)
             return seen if seen is None or upright else seen.T
 
         fitted = _fit_round(turned, (maps[0], maps[1]), start, told, clean=empty is None)
@@ -158,7 +163,25 @@ def fit_edges(
         blur = float(fitted.parameters[4])
         fitted = fit_defocused(turned, (maps[0], maps[1]), start, blur) or fitted
     refuse_fit(camera, fitted, first)
-    return shaft_edges(camera, fitted)
+    found = shaft_edges(camera, fitted)
+    if not mosaic:
+        return found
+    fitted = replace(fitted, saturated_part=clipped_part(raw, found.points_px))
+    found = shaft_edges(camera, fitted)
+    return replace(found, warnings=(*found.warnings, f"{WARNING}; {ADVICE}"))
+
+
+def _behind(
+    backdrop: Callable[[], Floats | None] | None,
+    empty: NDArray[np.generic] | None,
+    mosaic: ShaftSeed | None,
+) -> Floats | None:
+    """Return what frames and an empty one tell; evened beside the seed where they are mosaics."""
+    seen = None if backdrop is None else backdrop()
+    if mosaic is not None:
+        seen = None if seen is None else luminance(seen).astype(np.float64)
+        empty = None if empty is None else evened_beside(empty, mosaic.edges_px)
+    return seen if empty is None else filled(seen, empty)
 
 
 def _fit_round(
