@@ -40,18 +40,11 @@ from pivometer.shaft.motion import (
     pair_table,
 )
 from pivometer.shaft.occlusion import cover
-from pivometer.shaft.pairs import (
-    LEAST_SUPPORT_PX,
-    EdgeLine,
-    EdgePair,
-    Passing,
-    edge_lines,
-    edge_pairs,
-    same_line,
-)
+from pivometer.shaft.pairs import EdgePair, edge_pairs
 from pivometer.shaft.refit import refitted_edges
 from pivometer.shaft.rivals import SERIOUS_SHARE, Turning, turning_things, widest
 from pivometer.shaft.shifting import shifting_motion
+from pivometer.shaft.straight import LEAST_SUPPORT_PX, EdgeLine, Passing, edge_lines, same_line
 
 TRUSTED_MEDIAN = 6
 """From this many frames on the median grey level tells what a pair of edges hides; with fewer, the

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.pairs import EdgePair, Passing
+from pivometer.shaft.pairs import EdgePair
+from pivometer.shaft.straight import Passing
 
 MOST_PAIRS = 30
 """Longest pairs of each frame that take part in the vote."""

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
 from pivometer.shaft.background import MovingEdges
-from pivometer.shaft.pairs import MOST_TURN_COSINE, EdgeLine, EdgePair
+from pivometer.shaft.pairs import EdgePair
+from pivometer.shaft.straight import MOST_TURN_COSINE, EdgeLine
 
 WINDOWS = ((0, 1), (0, 0.75), (0.25, 1), (0, 0.5), (0.25, 0.75), (0.5, 1), (0, 0.4), (0.6, 1))
 """Parts of the run that are fitted on their own; the part that explains most edge pixels wins.
