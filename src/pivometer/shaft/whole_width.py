@@ -1,0 +1,132 @@
+"""The mean grey levels across the whole width of a shaft, and both edges fitted to them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pivometer._arrays import Floats
+from pivometer.shaft.band_map import BandMap
+from pivometer.shaft.bands import EdgeLine, tapers_px, width_px
+from pivometer.shaft.evidence import saturated_part
+from pivometer.shaft.glossy import Glossy, Profile, fit_glossy
+from pivometer.shaft.rungs import Blur
+from pivometer.shaft.strip import Strip, strip
+
+Lines = tuple[EdgeLine, EdgeLine]
+
+PARTS = 4
+"""The shaft's length is fitted in so many parts, in each of which its width counts as constant."""
+
+BIN_PX = 0.35
+"""Averaging over a bin blurs by 0.1 px, which the free blur takes up."""
+
+OUTER_PX = 6.0
+LARGEST_HALF_PX = 60.0
+"""Wider shafts take long, and in windows of 12 px their shading is simple."""
+
+FULL_BIN = 10
+"""Bins with fewer pixels do not tell of noise."""
+
+
+class WholeWidth(NamedTuple):
+    """Lines, undistorted px, and what the whole width tells of moves from them."""
+
+    start: Lines
+    found: Glossy
+
+
+def fit_whole_width(
+    turned: NDArray[np.generic],
+    maps: tuple[BandMap, BandMap],
+    lines: Lines,
+    rows: Floats,
+    *,
+    noise: float,
+    blur: Blur,
+    blur_px: float,
+) -> WholeWidth | None:
+    """Return both edges from the shading of the whole width, or None if it is not understood.
+
+    Parameters
+    ----------
+    turned, maps
+        The raw image, turned so that the shaft is upright, and where its pixels are.
+    lines
+        The edges to half a pixel, undistorted px.
+    rows
+        1 for the rows that count, shape (2, rows).
+    noise
+        Standard deviation of a pixel at most, grey levels.
+    blur, blur_px
+        What is known of the blur beforehand, and what was found so far.
+    """
+    width = width_px(lines)
+    if width / 2 > LARGEST_HALF_PX:
+        return None
+    near = maps[0].towards(lines[0]), maps[1].towards(lines[1])
+    reach = float(width / 2 + np.abs(tapers_px(lines)).max() + 1)
+    bands = strip(turned, near, lines, near_px=(reach, OUTER_PX + 1), inner_px=0.0, outer_px=0.0)
+    middle = bands.lever[..., bands.lever.shape[2] // 2, None]
+    half = np.maximum(width / 2 + tapers_px(lines)[..., 0] * middle, 1.0)
+    profile = profile_across(bands, half, rows * bands.valid, turned.dtype)
+    found = fit_glossy(profile, min(noise, profile.noise), blur, blur_px)
+    return None if found is None else WholeWidth(lines, found)
+
+
+def profile_across(
+    bands: Strip, half_px: Floats, rows: Floats, depth: np.dtype[np.generic]
+) -> Profile:
+    """Return the mean grey levels across a shaft, without bins that the sensor's limit clips.
+
+    Parameters
+    ----------
+    bands
+        The pixels from beside either edge to the axis.
+    half_px
+        Half the width at each row of both edges, undistorted px, shape (2, rows, 1).
+    rows
+        1 for the rows that count, shape (2, rows).
+    depth
+        Type of the image's grey levels.
+    """
+    half = half_px * bands.scale
+    columns = int(np.ceil((float(half.max()) + OUTER_PX) / BIN_PX))
+    place = np.floor((OUTER_PX - bands.x_px) / BIN_PX).astype(np.intp)
+    used = rows[..., None] * ((bands.x_px > -half) & (place >= 0) & (place < columns))
+    seen = np.flatnonzero(rows.any(axis=0))
+    limits = np.quantile(seen, np.arange(1, PARTS) / PARTS) if seen.size else np.zeros(PARTS - 1)
+    part = np.searchsorted(limits, np.arange(rows.shape[1]))[:, None]
+    edge = np.arange(2)[:, None, None]
+    index = ((2 * part + edge) * columns + np.clip(place, 0, columns - 1)).ravel()
+
+    def total(values: Floats) -> Floats:
+        sums = np.bincount(index, (used * values).ravel(), 2 * PARTS * columns)
+        return np.asarray(sums, dtype=np.float64).reshape(PARTS, 2 * columns)
+
+    count = total(np.ones(()))
+    share = 1 / np.maximum(count, 1)
+    beside = np.maximum(count.reshape(PARTS, 2, columns).sum(axis=-1), 1)
+
+    def mean(values: Floats) -> Floats:
+        return np.asarray(total(values).reshape(PARTS, 2, columns).sum(axis=-1) / beside)
+
+    grey = total(bands.near) * share
+    spread = (total(bands.near**2) * share - grey**2) * count / np.maximum(count - 1, 1)
+    full = count > FULL_BIN
+    noise = float(np.median(spread[full])) if full.any() else 1.0
+    if saturated_part(bands.near, rows > 0, depth).any():
+        clipped = np.asarray(bands.near == bands.near.max(), dtype=np.float64)
+        count = count * (total(clipped) == 0)
+    return Profile(
+        grey=grey,
+        count=count,
+        x_px=total(bands.x_px) * share,
+        edge=np.repeat([0, 1], columns),
+        half_px=mean(half),
+        lever=mean(bands.lever),
+        scale=mean(bands.scale),
+        noise=float(np.sqrt(max(noise, 1 / 12))),
+    )

@@ -1,0 +1,118 @@
+"""The shading of a whole width, against profiles summed over a fine grid."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+from pivometer.shaft import glossy
+from pivometer.shaft.glossy import LEVELS, Profile, fit_glossy
+from pivometer.shaft.rungs import Blur
+
+STEP_PX, BIN_PX = 0.01, 0.25
+HALVES_PX = np.array([17.0, 18.0])
+LEVERS = np.array([-0.5, 0.5])
+ROWS = 60
+BLUR_PX = 0.8
+TRUTH = np.array([0.13, -0.06, -0.08, 0.05, BLUR_PX])
+
+
+def diffuse_and_one_highlight(angle):
+    return 60 + 20 * np.sin(angle) + 50 * np.cos(angle) + 80 * np.exp(-(((angle - 0.9) / 0.3) ** 2))
+
+
+def oblique_metal(angle):
+    lit = np.clip(np.cos(angle - 0.8), 0, None)
+    return 70 + 60 * lit + 90 * lit**6
+
+
+def profile_of(shading, noise, rng):
+    """A profile whose edges are at TRUTH from where they are thought to be."""
+    x = np.arange(-26, 26, STEP_PX) + STEP_PX / 2
+    greys, distances = [], []
+    for half, lever in zip(HALVES_PX, LEVERS, strict=True):
+        first, second = half + TRUTH[[0, 2]] + TRUTH[[1, 3]] * lever
+        xi = np.clip((2 * x - first + second) / (first + second), -1, 1)
+        cover = np.clip(np.minimum(first - x, second + x) / STEP_PX + 0.5, 0, 1)
+        sharp = 20 + (shading(np.arcsin(xi)) - 20) * cover
+        fine = gaussian_filter1d(sharp, BLUR_PX / STEP_PX, truncate=6)
+        away = np.arange(6.0, -half, -BIN_PX)
+        places = np.concatenate([half + away, -half - away])
+        greys.append(np.interp(places, x, fine))
+        distances.append(away)
+    count = max(len(away) for away in distances)
+    grey, x_px, number = np.zeros((3, 2, 2 * count))
+    for part, (levels, away) in enumerate(zip(greys, distances, strict=True)):
+        for edge in range(2):
+            at = slice(edge * count, edge * count + len(away))
+            own = levels.reshape(2, -1)[edge]
+            grey[part, at] = own + rng.normal(0, noise / np.sqrt(ROWS * BIN_PX), len(own))
+            x_px[part, at], number[part, at] = away, ROWS * BIN_PX
+    return Profile(
+        grey=grey,
+        count=number,
+        x_px=x_px,
+        edge=np.repeat([0, 1], count),
+        half_px=np.repeat(HALVES_PX[:, None], 2, axis=1),
+        lever=np.repeat(LEVERS[:, None], 2, axis=1),
+        scale=np.ones((2, 2)),
+        noise=noise,
+    )
+
+
+def test_derivatives_by_all_parameters():
+    profile = profile_of(oblique_metal, 0.0, np.random.default_rng(0))
+    root = np.sqrt(profile.count) / 2
+    model = glossy._Model(profile, Blur(), root, glossy._angles(90), 5 * glossy._rough(90))
+    at = np.array([0.1, -0.03, -0.05, 0.04, 0.9, 0.7, -1.2, 0.05])
+
+    def terms(parameters):
+        seen, lobe = model.seen(parameters), model.highlight(parameters)
+        return model.terms(seen, model.outside(seen, parameters[4]).values, lobe.values)
+
+    _, levels, _ = model.solved(terms(at))
+    assert len(levels) > 2 * LEVELS
+    seen, lobe = model.seen(at), model.highlight(at)
+    found = model.jacobian(at, seen, model.outside(seen, at[4]), lobe, levels)
+    for k in range(8):
+        step = np.zeros(8)
+        step[k] = 1e-5
+        expected = (terms(at + step) - terms(at - step)) @ levels / 2e-5
+        np.testing.assert_allclose(found[:, k], expected, atol=1e-5 * np.abs(expected).max())
+
+
+def test_shading_of_the_model_is_fitted_exactly():
+    profile = profile_of(diffuse_and_one_highlight, 0.0, np.random.default_rng(0))
+    found = fit_glossy(profile, 2.0, Blur(), 0.85)
+    assert found is not None
+    # The grid on which the profile is summed has steps of 0.01 px.
+    np.testing.assert_allclose(found.parameters, TRUTH, atol=0.002)
+
+
+@pytest.mark.parametrize("shading", [diffuse_and_one_highlight, oblique_metal])
+def test_errors_are_as_stated(shading):
+    rng = np.random.default_rng(5)
+    contrast = np.array([0.5, 0.0, -0.5, 0.0, 0.0])
+    scores = []
+    for _ in range(16):
+        found = fit_glossy(profile_of(shading, 2.0, rng), 2.0, Blur(), 0.85)
+        assert found is not None
+        assert found.misfit < 5
+        sigma = np.sqrt(contrast @ found.covariance @ contrast)
+        scores.append(contrast @ (found.parameters - TRUTH) / sigma)
+    # An rms of 16 has a relative standard deviation of 1/√32; three are 1.53.
+    assert np.sqrt(np.mean(np.square(scores))) < 1.53
+
+
+def test_no_pixel_is_no_fit():
+    profile = profile_of(oblique_metal, 2.0, np.random.default_rng(0))
+    hidden = Profile(
+        profile.grey,
+        np.zeros_like(profile.count),
+        profile.x_px,
+        profile.edge,
+        profile.half_px,
+        profile.lever,
+        profile.scale,
+        2.0,
+    )
+    assert fit_glossy(hidden, 2.0, Blur(), 0.85) is None
