@@ -124,6 +124,43 @@ def stripe(rng: np.random.Generator) -> Scene:
     return make(rng, Look(shading, 20.0, 0.8, 2.0), width_px=width)
 
 
+def two_lights(rng: np.random.Generator) -> Scene:
+    """Render a shaft with the highlights of two lights."""
+    lights = [
+        (np.radians(rng.uniform(-70, 70)), rng.uniform(4, 40), rng.uniform(18, 54))
+        for _ in range(2)
+    ]
+
+    def shading(xi: Floats) -> Floats:
+        lit = [(np.clip(np.cos(np.arcsin(xi) - a), 0, None), n, s) for a, n, s in lights]
+        return np.asarray(50 + sum(40 * c + s * c**n for c, n, s in lit))
+
+    return make(rng, Look(shading, 20.0, 0.8, 2.0))
+
+
+def window_image(rng: np.random.Generator) -> Scene:
+    """Render a matt shaft with the sharp image of a window."""
+    at, half, shine = rng.uniform(-75, 75), rng.uniform(3, 15), rng.uniform(30, 110)
+
+    def shading(xi: Floats) -> Floats:
+        away = np.abs(np.degrees(np.arcsin(xi)) - at)
+        window = np.clip((half - away) / 3 + 0.5, 0, 1)
+        return np.asarray(60 + 60 * np.sqrt(1 - xi * xi) + shine * window)
+
+    return make(rng, Look(shading, 20.0, 0.8, 2.0))
+
+
+def bright_rim(rng: np.random.Generator) -> Scene:
+    """Render dark plastic before a bright wall that its rim reflects as Schlick says."""
+    rim, towards, shine = rng.uniform(40, 120), np.radians(rng.uniform(20, 60)), rng.uniform(10, 60)
+
+    def shading(xi: Floats) -> Floats:
+        lit = np.clip(np.cos(np.arcsin(xi) - towards), 0, None)
+        return np.asarray(30 + 50 * lit + 60 * lit**shine + rim * (1 - np.sqrt(1 - xi * xi)) ** 5)
+
+    return make(rng, Look(shading, 200.0, 0.8, 2.0))
+
+
 def clutter(rng: np.random.Generator) -> Scene:
     """Render sharp texture behind the shaft, composited in cells; an empty frame is given."""
     texture = np.full((480 * CELLS, 640 * CELLS), 80, dtype=np.float32)
@@ -181,6 +218,10 @@ ROWS = (
     Row("Lambert behind filters, each edge", filtered, False, "1.5× of Lambert"),
     Row("oblique metal, centre", metal, True, "15"),
     Row("highlight stripe, centre", stripe, True, "100"),
+    Row("two lights, centre", two_lights, True, "–", 0.6),
+    Row("image of a window, centre", window_image, True, "–", 0.6),
+    Row("bright rim, centre", bright_rim, True, "–", 0.6),
+    Row("bright rim, each edge", bright_rim, False, "–", 0.6),
     Row("textured clutter", clutter, False, "8", 0.25),
     Row("many colours behind filters", colourful, False, "8", 0.1),
 )
