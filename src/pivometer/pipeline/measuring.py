@@ -52,7 +52,7 @@ from pivometer.pipeline.structuring import with_structure
 from pivometer.rcm import geometry_findings, refuse_geometry, solve
 from pivometer.rcm.result import Finding
 from pivometer.shaft.edges import ShaftEdges
-from pivometer.shaft.gate import diameter_faults
+from pivometer.shaft.gate import diameter_faults, uncertain_end
 from pivometer.shaft.hint import ShaftHint
 from pivometer.shaft.triangulation import (
     WARN_DIHEDRAL_RAD,
@@ -352,6 +352,10 @@ def _triangulated(
             return RejectedPose(pose, f"camera {name} has no image of this pose", step, edges)
         where = f" ({fault.path.name})" if fault.path else ""
         return RejectedPose(pose, f"camera {name}{where}: {fault.what}", fault.next_step, edges)
+    doubtful = [reason for reason in map(uncertain_end, edges) if reason is not None]
+    if doubtful:
+        step = "put a background behind the shaft that differs from it in brightness"
+        return RejectedPose(pose, doubtful[0], step, edges)
     try:
         centerline = triangulate_centerline(
             np.stack([found.normals for found in edges]),

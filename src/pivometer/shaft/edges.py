@@ -20,6 +20,7 @@ from pivometer.shaft.defocused import fit_defocused
 from pivometer.shaft.detection import ShaftSeed
 from pivometer.shaft.fitted import FittedEdges, ShaftEdges, shaft_edges
 from pivometer.shaft.ladder import CLEAN_PART, fit_ladder
+from pivometer.shaft.lanes import with_lanes
 from pivometer.shaft.mosaic_edges import ADVICE, WARNING, clipped_part, evened_beside
 from pivometer.shaft.plain import fit_plain
 from pivometer.shaft.refusals import refuse_fit, refuse_outside, refuse_width, strays
@@ -157,11 +158,8 @@ def fit_edges(
             seen = _behind(backdrop, empty, seed if mosaic else None)
             return seen if seen is None or upright else seen.T
 
-        fitted = _fit_round(turned, (maps[0], maps[1]), start, told, clean=empty is None)
-    if fitted is None or strays(fitted):
-        fitted = fit_shaded(pixels, camera, start, FIRST_BLUR_PX)
-        blur = float(fitted.parameters[4])
-        fitted = fit_defocused(turned, (maps[0], maps[1]), start, blur) or fitted
+        clean = empty is None
+        fitted = _fit_round(pixels, turned, camera, (maps[0], maps[1]), start, told, clean=clean)
     refuse_fit(camera, fitted, first)
     found = shaft_edges(camera, fitted)
     if not mosaic:
@@ -185,19 +183,34 @@ def _behind(
 
 
 def _fit_round(
+    pixels: NDArray[np.generic],
     turned: NDArray[np.generic],
+    camera: Camera,
     maps: tuple[BandMap, BandMap],
     start: tuple[EdgeLine, EdgeLine],
     behind: Callable[[], Floats | None],
     *,
     clean: bool,
-) -> FittedEdges | None:
-    """Return a shaded shaft's edges: before clutter, where `behind` tells what that is."""
+) -> FittedEdges:
+    """Return a shaded shaft's edges: before clutter, with the help of what `behind` tells.
+
+    Where a search from the seed took a lane of the shaft for its edge, the guarded fit, which has a
+    background of its own in every row, gives a better start.
+    """
     fitted = fit_ladder(turned, maps, start, cluttered=CLEAN_PART) if clean else None
-    told = behind() if fitted is None else None
-    if fitted is None and told is not None:
-        fitted = fit_ladder(turned, maps, start, told)
-    return fitted or (fit_ladder(turned, maps, start) if clean else None)
+    if fitted is not None and not strays(fitted):
+        return fitted
+    told = behind()
+    fitted = None if told is None else fit_ladder(turned, maps, start, told)
+    if fitted is None and clean:
+        fitted = fit_ladder(turned, maps, start)
+    if fitted is None or strays(fitted):
+        guarded = fit_shaded(pixels, camera, start, FIRST_BLUR_PX)
+        fitted = fit_defocused(turned, maps, start, float(guarded.parameters[4]))
+        if fitted is None and told is not None:
+            fitted = fit_ladder(turned, maps, guarded.lines, told)
+        fitted = guarded if fitted is None or strays(fitted) else fitted
+    return fitted if told is None else with_lanes(turned, maps, fitted, told)
 
 
 def _pixels(image: ArrayLike, camera: Camera) -> NDArray[np.generic]:

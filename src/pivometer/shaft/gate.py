@@ -6,6 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pivometer._arrays import Floats
+from pivometer.shaft.fitted import ShaftEdges
+
+LARGEST_END_SIGMA_PX = 0.3
+"""At usual blur: 1 in 10 edges known to no better at an end is half a pixel off there."""
 
 NOMINAL_TOLERANCE = 0.15
 """A diameter further than this from the nominal one is another object, whatever the scale."""
@@ -77,3 +81,27 @@ def _fault(row: Floats, median: float, allowed: float, nominal_mm: float | None)
     if abs(worst - median) > allowed:
         return f"the shaft measures {worst:.2f} mm in one camera, {median:.2f} mm over the session"
     return None
+
+
+def uncertain_end(edges: ShaftEdges) -> str | None:
+    """Say so if an edge is known to no better than 0.3 px at its ends, at usual blur.
+
+    Parameters
+    ----------
+    edges
+        Both edges; each is known best about its middle.
+
+    Returns
+    -------
+    str or None
+        The reason why their pose should not count, if there is one.
+    """
+    half = np.hypot(*(edges.points_px[:, -1] - edges.points_px[:, 0]).T) / 2
+    end = float(np.hypot(edges.sigma_px, edges.angle_sigma_rad * half).max())
+    limit = LARGEST_END_SIGMA_PX * max(1.0, edges.blur_px)
+    if end <= limit:
+        return None
+    return (
+        f"camera {edges.camera}: an edge is known to {end:.2f} px only at its ends (at most "
+        f"{limit:.2f} px), with a contrast of {edges.contrast.min():.0f} grey levels"
+    )

@@ -81,8 +81,8 @@ held-out highlights are 1.1 stated sigmas off: what brightens both edges in the 
 them alike. The part of its misfit that a terminator causes is up to 4. It counts while its centre
 is at most twice as uncertain as the windows say: in 4 of 60 scenes they were 2 to 4 sigmas off."""
 
-LEAST_HALF_PX = 6.0
-"""In thinner shafts the blurs of both edges meet."""
+LEAST_HALF_PX = 3.75
+"""Half the shaft's width: narrower rungs than `REFERENCE` alone do not tell a limb."""
 
 NOISE_PERCENTILE = 25.0
 CLUTTER_TIMES = 2.0
@@ -243,9 +243,9 @@ def fit_ladder(
     bands = strip(turned, near, lines, near_px=reach, inner_px=0.0, outer_px=0.0)
     middle = bands.lever[..., bands.lever.shape[2] // 2, None]
     half = np.maximum(width_px(lines) / 2 + tapers_px(lines)[..., 0] * middle, 1.0)
-    behind = None if background is None else _behind(background, near, reach)
+    behind = None if background is None else behind_of(background, near, reach)
     if behind is not None:
-        known = _known_rows(behind, bands.x_px)
+        known = known_rows(behind, bands.x_px)
         if (known.sum(axis=1) < LEAST_USED * np.maximum(bands.valid.sum(axis=1), 1)).any():
             return None
         bands = replace(bands, valid=bands.valid * known)
@@ -309,7 +309,7 @@ def _centre_variance(covariance: Floats) -> float:
     return float(outward[0, 0] + outward[1, 1] - 2 * outward[0, 1])
 
 
-def _behind(
+def behind_of(
     background: NDArray[np.generic],
     maps: tuple[BandMap, BandMap],
     reach_px: tuple[float, float],
@@ -327,7 +327,7 @@ def _behind(
     return Behind(planes[0], slope)
 
 
-def _known_rows(behind: Behind, x_px: Floats) -> Floats:
+def known_rows(behind: Behind, x_px: Floats) -> Floats:
     """Return 1 for the rows in which all is known of the background that can be seen."""
     seen = x_px > -HIDDEN_PX
     told = np.isfinite(behind.grey) & np.isfinite(behind.slope)
@@ -416,7 +416,7 @@ def _climbed(
         rests = _of_both(samples, chosen, parameters, window.widen)
         step, covariance = solve(rests, edges.noise, window.blur, parameters)
         parameters = _stepped(parameters, step)
-    covariance = covariance * _inflation(rests, edges.noise)
+    covariance = covariance * inflation(rests, edges.noise)
     covariance[range(4), range(4)] += np.repeat(systematic, 2)
     return _fitted(edges, rests, parameters, covariance, chosen, depth), chosen
 
@@ -510,7 +510,7 @@ def _by_edge(values: Sequence[Floats]) -> Floats:
     return np.concatenate(values).reshape(2, -1)
 
 
-def _inflation(rests: Sequence[Rest], noise: float) -> float:
+def inflation(rests: Sequence[Rest], noise: float) -> float:
     """Return how much the chunks' own offsets scatter beyond noise, at least 1."""
     own = np.concatenate([rest.information[:, 0, 0] for rest in rests]) * noise**2
     gradient = np.concatenate([rest.gradient[:, 0] for rest in rests])

@@ -119,7 +119,7 @@ def evaluate(samples: Samples, rung: Rung, parameters: Floats, widen: float) -> 
     cut = slice(int(place[0]), int(place[-1]) + 1) if place.size else slice(0, 1)
     x, count, lever = x[:, cut], count[:, cut], samples.lever[:, cut]
     root = np.sqrt(count)
-    values, slopes, spreads = _terms(x, blur, samples, rung, cut)
+    values, slopes, spreads = terms_of(x, blur, samples, rung, cut)
     behind = None if samples.behind is None else samples.behind.grey[:, cut]
     values *= root[:, None]
     gram = values @ np.swapaxes(values, -1, -2)
@@ -163,7 +163,7 @@ def _contrast(
     return total
 
 
-def _terms(
+def terms_of(
     x: Floats, blur: float, samples: Samples, rung: Rung, cut: slice
 ) -> tuple[Floats, Floats, Floats]:
     """Return a rung's blurred terms and their derivatives by distance and blur, (chunks, k, p).
