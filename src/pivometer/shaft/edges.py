@@ -202,15 +202,19 @@ def _fit_round(
         return fitted
     told = behind()
     fitted = None if told is None else fit_ladder(turned, maps, start, told)
+    if told is not None and fitted is not None and not strays(fitted):
+        return with_lanes(turned, maps, fitted, told)
     if fitted is None and clean:
         fitted = fit_ladder(turned, maps, start)
-    if fitted is None or strays(fitted):
-        guarded = fit_shaded(pixels, camera, start, FIRST_BLUR_PX)
-        fitted = fit_defocused(turned, maps, start, float(guarded.parameters[4]))
-        if fitted is None and told is not None:
-            fitted = fit_ladder(turned, maps, guarded.lines, told)
-        fitted = guarded if fitted is None or strays(fitted) else fitted
-    return fitted if told is None else with_lanes(turned, maps, fitted, told)
+    if fitted is not None and not strays(fitted):
+        return fitted
+    guarded = fit_shaded(pixels, camera, start, FIRST_BLUR_PX)
+    fitted = fit_defocused(turned, maps, start, float(guarded.parameters[4]))
+    if fitted is None and told is not None:
+        fitted = fit_ladder(turned, maps, guarded.lines, told)
+        if fitted is not None and not strays(fitted):
+            return with_lanes(turned, maps, fitted, told)
+    return guarded if fitted is None or strays(fitted) else fitted
 
 
 def _pixels(image: ArrayLike, camera: Camera) -> NDArray[np.generic]:

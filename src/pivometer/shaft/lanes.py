@@ -74,7 +74,7 @@ def with_lanes(
     maps
         Where its pixels are.
     fitted
-        The edges as their shading tells them.
+        The edges as `ladder` tells them; only its rows count.
     background
         What stands behind the shaft, turned likewise; NaN where unknown.
     """
@@ -85,7 +85,7 @@ def with_lanes(
     near = maps[0].towards(lines[0]), maps[1].towards(lines[1])
     bands = strip(turned, near, lines, near_px=reach, inner_px=0.0, outer_px=0.0)
     behind = behind_of(background, near, reach)
-    rows = bands.valid * known_rows(behind, bands.x_px)
+    rows = bands.valid * known_rows(behind, bands.x_px) * fitted.accepted
     behind = Behind(np.nan_to_num(behind.grey), np.nan_to_num(behind.slope))
     half = np.full_like(bands.scale, width_px(lines) / 2)
     samples = pixels(bands, half, rows, behind, slice(None))
