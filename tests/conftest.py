@@ -16,7 +16,7 @@ CHROMIUM = Path("/usr/bin/chromium")
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Folder of real and independently rendered images, none of which the project may hold."""
-    folder = Path(os.environ.get("PIVOMETER_DATA", ROOT.parent / "shared" / "data"))
+    folder = Path(os.environ.get("PIVOMETER_DATA") or ROOT.parent / "shared" / "data")
     if not folder.is_dir():
         pytest.skip(f"real images are not here ({folder}); set PIVOMETER_DATA to their folder")
     return folder
