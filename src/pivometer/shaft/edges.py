@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -198,23 +199,28 @@ def _fit_round(
     background of its own in every row, gives a better start.
     """
     fitted = fit_ladder(turned, maps, start, cluttered=CLEAN_PART) if clean else None
-    if fitted is not None and not strays(fitted):
+    if _holds(fitted):
         return fitted
     told = behind()
     fitted = None if told is None else fit_ladder(turned, maps, start, told)
-    if told is not None and fitted is not None and not strays(fitted):
+    if told is not None and _holds(fitted):
         return with_lanes(turned, maps, fitted, told)
     if fitted is None and clean:
         fitted = fit_ladder(turned, maps, start)
-    if fitted is not None and not strays(fitted):
+    if _holds(fitted):
         return fitted
     guarded = fit_shaded(pixels, camera, start, FIRST_BLUR_PX)
     fitted = fit_defocused(turned, maps, start, float(guarded.parameters[4]))
     if fitted is None and told is not None:
         fitted = fit_ladder(turned, maps, guarded.lines, told)
-        if fitted is not None and not strays(fitted):
+        if _holds(fitted):
             return with_lanes(turned, maps, fitted, told)
-    return guarded if fitted is None or strays(fitted) else fitted
+    return fitted if _holds(fitted) else guarded
+
+
+def _holds(fitted: FittedEdges | None) -> TypeGuard[FittedEdges]:
+    """Tell whether there is a fit, of the edges that it started from."""
+    return fitted is not None and not strays(fitted)
 
 
 def _pixels(image: ArrayLike, camera: Camera) -> NDArray[np.generic]:

@@ -243,13 +243,12 @@ def fit_ladder(
     bands = strip(turned, near, lines, near_px=reach, inner_px=0.0, outer_px=0.0)
     middle = bands.lever[..., bands.lever.shape[2] // 2, None]
     half = np.maximum(width_px(lines) / 2 + tapers_px(lines)[..., 0] * middle, 1.0)
-    behind = None if background is None else behind_of(background, near, reach)
-    if behind is not None:
-        known = known_rows(behind, bands.x_px)
+    behind = None
+    if background is not None:
+        behind, known = known_behind(background, near, reach, bands.x_px)
         if (known.sum(axis=1) < LEAST_USED * np.maximum(bands.valid.sum(axis=1), 1)).any():
             return None
         bands = replace(bands, valid=bands.valid * known)
-        behind = Behind(np.nan_to_num(behind.grey), np.nan_to_num(behind.slope))
     seen = bands.x_px[bands.valid > 0] if bands.valid.any() else bands.x_px[0]
     range_px = np.stack([seen.min(axis=0), seen.max(axis=0)])
     window = _Window(bands, lines, half, behind, blur, range_px)
@@ -287,9 +286,9 @@ def _of_whole_width(
         blur=edges.window.blur,
         blur_px=float(narrow[4]),
     )
-    if whole is None or whole.found.misfit > LARGEST_WHOLE_MISFIT:
+    if whole is None or whole.misfit > LARGEST_WHOLE_MISFIT:
         return None
-    covariance = whole.found.covariance.copy()
+    covariance = whole.covariance.copy()
     covariance[range(4), range(4)] += WHOLE_SYSTEMATIC_PX**2
     covariance[:4:2, :4:2] += WIDTH_SYSTEMATIC_PX**2
     if _centre_variance(covariance) > WINDOWS_TIMES**2 * _centre_variance(fitted.covariance):
@@ -297,7 +296,7 @@ def _of_whole_width(
     return replace(
         fitted,
         start=lines,
-        parameters=whole.found.parameters,
+        parameters=whole.parameters,
         covariance=covariance,
         shading="highlight",
     )
@@ -309,12 +308,21 @@ def _centre_variance(covariance: Floats) -> float:
     return float(outward[0, 0] + outward[1, 1] - 2 * outward[0, 1])
 
 
-def behind_of(
+def known_behind(
     background: NDArray[np.generic],
     maps: tuple[BandMap, BandMap],
     reach_px: tuple[float, float],
-) -> Behind:
-    """Return the empty frame and its slope outward at the pixels that `strip` gathers."""
+    x_px: Floats,
+) -> tuple[Behind, Floats]:
+    """Return what stands behind the pixels that `strip` gathers, and 1 for rows where it is known.
+
+    Parameters
+    ----------
+    background
+        What stands behind the shaft, turned as the image is; NaN where unknown, for which 0 stands.
+    maps, reach_px, x_px
+        Maps and reach of the strip, and its pixels' distances.
+    """
     grey = background.astype(np.float32)
     along_x, along_y = (cv2.Sobel(grey, cv2.CV_32F, *d, ksize=1) / 2 for d in ((1, 0), (0, 1)))
     planes = [seen_beside(plane, maps, reach_px) for plane in (grey, along_x, along_y)]
@@ -324,14 +332,9 @@ def behind_of(
         m.outward * np.array([1, -t]) / np.hypot(1, t) for m, t in zip(maps, turns, strict=True)
     ]
     slope = np.stack([n[0] * planes[1][e] + n[1] * planes[2][e] for e, n in enumerate(normals)])
-    return Behind(planes[0], slope)
-
-
-def known_rows(behind: Behind, x_px: Floats) -> Floats:
-    """Return 1 for the rows in which all is known of the background that can be seen."""
-    seen = x_px > -HIDDEN_PX
-    told = np.isfinite(behind.grey) & np.isfinite(behind.slope)
-    return np.asarray((told | ~seen).all(axis=-1), dtype=np.float64)
+    told = np.isfinite(planes[0]) & np.isfinite(slope)
+    known = (told | (x_px <= -HIDDEN_PX)).all(axis=-1)
+    return Behind(np.nan_to_num(planes[0]), np.nan_to_num(slope)), known.astype(np.float64)
 
 
 def _first(window: _Window, widest: Rung, cluttered: float) -> tuple[_Edges, Floats] | None:

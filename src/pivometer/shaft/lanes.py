@@ -18,8 +18,8 @@ from pivometer._arrays import Floats
 from pivometer.shaft.band_map import BandMap
 from pivometer.shaft.bands import width_px
 from pivometer.shaft.fitted import FittedEdges
-from pivometer.shaft.ladder import behind_of, inflation, known_rows
-from pivometer.shaft.rungs import OUT, Blur, Rest, Rung, terms_of
+from pivometer.shaft.ladder import inflation, known_behind
+from pivometer.shaft.rungs import OUT, Blur, Rest, Rung, eliminated, terms_of
 from pivometer.shaft.samples import Behind, Samples, pixels
 from pivometer.shaft.strip import strip
 
@@ -84,9 +84,8 @@ def with_lanes(
     reach = WINDOW.inner_px * widen + SPARE_PX, WINDOW.outer_px * widen + SPARE_PX
     near = maps[0].towards(lines[0]), maps[1].towards(lines[1])
     bands = strip(turned, near, lines, near_px=reach, inner_px=0.0, outer_px=0.0)
-    behind = behind_of(background, near, reach)
-    rows = bands.valid * known_rows(behind, bands.x_px) * fitted.accepted
-    behind = Behind(np.nan_to_num(behind.grey), np.nan_to_num(behind.slope))
+    behind, known = known_behind(background, near, reach, bands.x_px)
+    rows = bands.valid * known * fitted.accepted
     half = np.full_like(bands.scale, width_px(lines) / 2)
     samples = pixels(bands, half, rows, behind, slice(None))
     parameters, covariance = fitted.parameters.copy(), fitted.covariance.copy()
@@ -95,12 +94,12 @@ def with_lanes(
         if lanes is None:
             continue
         at = slice(2 * edge, 2 * edge + 2)
-        known, told = covariance[at, at].copy(), lanes.covariance
-        gain = known @ np.linalg.inv(known + told)
+        first, second = covariance[at, at].copy(), lanes.covariance
+        gain = first @ np.linalg.inv(first + second)
         apart = lanes.parameters
-        birge = max(1.0, float(apart @ np.linalg.solve(known + told, apart)) / 2)
+        birge = max(1.0, float(apart @ np.linalg.solve(first + second, apart)) / 2)
         covariance[at] = covariance[:, at] = 0.0
-        covariance[at, at] = (known - gain @ known) * birge
+        covariance[at, at] = (first - gain @ first) * birge
         parameters[at] += gain @ apart
     return replace(fitted, parameters=parameters, covariance=covariance)
 
@@ -186,21 +185,10 @@ def _linearized(samples: Samples, profile: Floats, own: Floats) -> Rest:
     x = samples.x_px - samples.scale * (own[0] + own[1] * samples.lever)
     root = np.sqrt(samples.count)
     seen, slope, spread = terms_of(x, float(own[2]), samples, WINDOW, slice(None))
-    values = np.concatenate([seen, profile], axis=1) * root[:, None]
-    gram = values @ np.swapaxes(values, -1, -2)
-    size = np.trace(gram, axis1=-2, axis2=-1)[:, None, None]
-    gram += (1e-9 * size + 1e-9) * np.eye(gram.shape[-1])
-    grey = root * samples.grey
-    levels = np.linalg.solve(gram, values @ grey[..., None])
-    gain = levels[:, 0] * root
-    columns = np.empty((len(x), 4, x.shape[1]))
-    columns[:, 0] = -samples.scale * gain * slope[:, 0]
-    columns[:, 1] = columns[:, 0] * samples.lever
-    columns[:, 2] = gain * spread[:, 0]
-    columns[:, 3] = grey - (np.swapaxes(levels, -1, -2) @ values)[:, 0]
-    mixed = values @ np.swapaxes(columns, -1, -2)
-    rest = columns @ np.swapaxes(columns, -1, -2)
-    rest -= np.swapaxes(mixed, -1, -2) @ np.linalg.solve(gram, mixed)
+    values = np.concatenate([seen, profile], axis=1)
+    _, columns, rest = eliminated(
+        values, slope, spread, samples.grey, root, samples.scale, samples.lever
+    )
     return Rest(
         information=rest[:, :3, :3],
         gradient=rest[:, :3, 3],
@@ -210,5 +198,5 @@ def _linearized(samples: Samples, profile: Floats, own: Floats) -> Rest:
         residual=columns[:, 3],
         jacobian=columns[:, :3],
         edge=samples.edge,
-        terms=gram.shape[-1],
+        terms=values.shape[1],
     )

@@ -121,25 +121,12 @@ def evaluate(samples: Samples, rung: Rung, parameters: Floats, widen: float) -> 
     root = np.sqrt(count)
     values, slopes, spreads = terms_of(x, blur, samples, rung, cut)
     behind = None if samples.behind is None else samples.behind.grey[:, cut]
-    values *= root[:, None]
-    gram = values @ np.swapaxes(values, -1, -2)
-    size = np.trace(gram, axis1=-2, axis2=-1)[:, None, None]
-    gram += (1e-9 * size + 1e-9) * np.eye(len(rung.terms))
-    grey = root * samples.grey[:, cut]
-    levels = np.asarray(np.linalg.solve(gram, values @ grey[..., None]), dtype=np.float64)
-    row = np.swapaxes(levels, -1, -2)
-    columns = np.empty((len(values), 4, values.shape[-1]))
-    np.multiply((row @ slopes)[:, 0], -samples.scale * root, out=columns[:, 0])
-    np.multiply(columns[:, 0], lever, out=columns[:, 1])
-    np.multiply((row @ spreads)[:, 0], root, out=columns[:, 2])
-    np.subtract(grey, (row @ values)[:, 0], out=columns[:, 3])
-    mixed = values @ np.swapaxes(columns, -1, -2)
-    rest = columns @ np.swapaxes(columns, -1, -2)
-    rest -= np.swapaxes(mixed, -1, -2) @ np.linalg.solve(gram, mixed)
+    grey = samples.grey[:, cut]
+    levels, columns, rest = eliminated(values, slopes, spreads, grey, root, samples.scale, lever)
     return Rest(
         information=rest[:, :3, :3],
         gradient=rest[:, :3, 3],
-        contrast=_contrast(np.abs(x) < blur, count, levels[..., 0], rung, behind),
+        contrast=_contrast(np.abs(x) < blur, count, levels, rung, behind),
         x_px=x,
         count=count,
         residual=columns[:, 3],
@@ -147,6 +134,54 @@ def evaluate(samples: Samples, rung: Rung, parameters: Floats, widen: float) -> 
         edge=samples.edge,
         terms=len(rung.terms),
     )
+
+
+def eliminated(
+    values: Floats,
+    slopes: Floats,
+    spreads: Floats,
+    grey: Floats,
+    root: Floats,
+    scale: Floats,
+    lever: Floats,
+) -> tuple[Floats, Floats, Floats]:
+    """Return each chunk's best levels, and what is left without them.
+
+    Parameters
+    ----------
+    values
+        Terms of every chunk, shape (chunks, k, p); they are multiplied by `root` in place.
+    slopes, spreads
+        Derivatives by distance and blur, shape (chunks, m, p), of the first terms; the others do
+        not move with the edge.
+    grey, root, lever
+        Grey levels, roots of the numbers of pixels, and places along the edge, shape (chunks, p).
+    scale
+        Raw px per undistorted px, shape (chunks, 1).
+
+    Returns
+    -------
+    levels, columns, rest
+        The levels (chunks, k); derivatives by offset, tilt and blur, and the residual, times
+        `root` (chunks, 4, p); and their products once the levels follow them (chunks, 4, 4).
+    """
+    values *= root[:, None]
+    gram = values @ np.swapaxes(values, -1, -2)
+    size = np.trace(gram, axis1=-2, axis2=-1)[:, None, None]
+    gram += (1e-9 * size + 1e-9) * np.eye(gram.shape[-1])
+    grey = root * grey
+    levels = np.asarray(np.linalg.solve(gram, values @ grey[..., None]), dtype=np.float64)
+    row = np.swapaxes(levels, -1, -2)
+    moving = row[..., : slopes.shape[1]]
+    columns = np.empty((len(values), 4, values.shape[-1]))
+    np.multiply((moving @ slopes)[:, 0], -scale * root, out=columns[:, 0])
+    np.multiply(columns[:, 0], lever, out=columns[:, 1])
+    np.multiply((moving @ spreads)[:, 0], root, out=columns[:, 2])
+    np.subtract(grey, (row @ values)[:, 0], out=columns[:, 3])
+    mixed = values @ np.swapaxes(columns, -1, -2)
+    rest = columns @ np.swapaxes(columns, -1, -2)
+    rest -= np.swapaxes(mixed, -1, -2) @ np.linalg.solve(gram, mixed)
+    return levels[..., 0], columns, rest
 
 
 def _contrast(

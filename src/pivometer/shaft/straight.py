@@ -188,13 +188,12 @@ def _fitted(
     normals, offsets, near = _in_bands(around, normals[which], offsets[which])
     if not near.any():
         return lines
-    which = which[np.unique(around.line[near])]
     kept = np.unique(around.line[near])
     around, normals, offsets = around.only(near), normals[kept], offsets[kept]
     occupied = _occupied(around, normals, offsets, reach)
     density = _density(occupied)
     for k in np.flatnonzero(np.count_nonzero(occupied, axis=1) * BIN_PX >= LEAST_SUPPORT_PX):
-        lines[which[k]] = EdgeLine(normals[k], float(offsets[k]), occupied[k], density[k])
+        lines[which[kept[k]]] = EdgeLine(normals[k], float(offsets[k]), occupied[k], density[k])
     return lines
 
 

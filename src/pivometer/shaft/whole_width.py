@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,13 +29,6 @@ FULL_BIN = 10
 """Bins with fewer pixels do not tell of noise."""
 
 
-class WholeWidth(NamedTuple):
-    """Lines, undistorted px, and what the whole width tells of moves from them."""
-
-    start: Lines
-    found: Glossy
-
-
 def fit_whole_width(
     turned: NDArray[np.generic],
     maps: tuple[BandMap, BandMap],
@@ -47,7 +38,7 @@ def fit_whole_width(
     noise: float,
     blur: Blur,
     blur_px: float,
-) -> WholeWidth | None:
+) -> Glossy | None:
     """Return both edges from the shading of the whole width, or None if it is not understood.
 
     Parameters
@@ -72,8 +63,7 @@ def fit_whole_width(
     middle = bands.lever[..., bands.lever.shape[2] // 2, None]
     half = np.maximum(width / 2 + tapers_px(lines)[..., 0] * middle, 1.0)
     profile = profile_across(bands, half, rows * bands.valid, turned.dtype)
-    found = fit_glossy(profile, min(noise, profile.noise), blur, blur_px)
-    return None if found is None else WholeWidth(lines, found)
+    return fit_glossy(profile, min(noise, profile.noise), blur, blur_px)
 
 
 def profile_across(
