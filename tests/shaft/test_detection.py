@@ -12,7 +12,7 @@ from pivometer._arrays import Floats
 from pivometer.cameras import Camera
 from pivometer.errors import ShapeError
 from pivometer.geometry import tangent_plane_normals
-from pivometer.shaft.detection import SeedRejection, ShaftSeed, find_shaft
+from pivometer.shaft.detection import SeedRejection, ShaftSeed, find_shaft, learn_shaft
 
 SHARP = 4
 """Supersampling of the drawn scenes; edges are then good to 1/8 px."""
@@ -88,6 +88,27 @@ def test_a_shaft_is_found_in_every_frame(
     frames = [scene(e, shaft, behind, clutter=clutter, seed=i) for i, e in enumerate(truth)]
     found = find_shaft(frames)
     assert max(error_px(s, e) for s, e in zip(found, truth, strict=True)) < SEED_ERROR_PX
+
+
+def brushed(edges: Floats, *, seed: int) -> NDArray[np.uint8]:
+    """Draw a shaft with eight bright lanes along it."""
+    image = scene(edges, 90, 140, clutter=True, seed=seed).astype(np.float64)
+    y, x = np.mgrid[0:480, 0:640]
+    along = edges.mean(axis=0)[1] - edges.mean(axis=0)[0]
+    normal = np.array([-along[1], along[0]]) / np.hypot(*along)
+    place = np.stack([x, y], axis=-1) - edges.mean(axis=0)[0]
+    across = place @ normal / np.hypot(*(edges[1, 0] - edges[0, 0])) + 0.5
+    on = (place @ along > 0) & (place @ along < along @ along) & (np.abs(across - 0.5) < 0.5)
+    image -= np.where(on, 30 * np.cos(2 * np.pi * 8 * across), 0)
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def test_lanes_along_a_shaft_do_not_hide_its_edges_in_frames_that_taught_nothing() -> None:
+    truth = poses(SPREAD, 90.0)
+    frames = [brushed(e, seed=i) for i, e in enumerate(truth)]
+    finder = learn_shaft(frames[:-2])
+    for frame, edges in zip(frames[-2:], truth[-2:], strict=True):
+        assert error_px(finder.find(frame), edges) < SEED_ERROR_PX
 
 
 def test_three_poses_suffice_before_a_dark_background() -> None:

@@ -41,8 +41,9 @@ WINDOW_BINS = 12
 _HELD_BOW = np.diag([0.0, 0.0, 3.0])
 
 MOST_LINES = 40
-MOST_PASSING = 16
-"""Lines that are fitted of those that pass a known pivot; the shaft's are among the longest."""
+MOST_PASSING = 160
+"""Lines that are fitted, the longest first. Of those that pass a known pivot more than any drawn
+scene has (20 to 140): lanes of brushed metal are as long as the shaft's edges and many."""
 
 LEAST_SUPPORT_PX = 32.0
 
