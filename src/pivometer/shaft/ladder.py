@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -323,18 +322,16 @@ def known_behind(
     maps, reach_px, x_px
         Maps and reach of the strip, and its pixels' distances.
     """
-    grey = background.astype(np.float32)
-    along_x, along_y = (cv2.Sobel(grey, cv2.CV_32F, *d, ksize=1) / 2 for d in ((1, 0), (0, 1)))
-    planes = [seen_beside(plane, maps, reach_px) for plane in (grey, along_x, along_y)]
+    grey, along_x, along_y = seen_beside(background, maps, reach_px)
     # In the turned image: its normal from how the edge's column changes from row to row.
     turns = [float((m.centre[-1] - m.centre[0]) / max(len(m.rows) - 1, 1)) for m in maps]
     normals = [
         m.outward * np.array([1, -t]) / np.hypot(1, t) for m, t in zip(maps, turns, strict=True)
     ]
-    slope = np.stack([n[0] * planes[1][e] + n[1] * planes[2][e] for e, n in enumerate(normals)])
-    told = np.isfinite(planes[0]) & np.isfinite(slope)
+    slope = np.stack([n[0] * along_x[e] + n[1] * along_y[e] for e, n in enumerate(normals)])
+    told = np.isfinite(grey) & np.isfinite(slope)
     known = (told | (x_px <= -HIDDEN_PX)).all(axis=-1)
-    return Behind(np.nan_to_num(planes[0]), np.nan_to_num(slope)), known.astype(np.float64)
+    return Behind(np.nan_to_num(grey), np.nan_to_num(slope)), known.astype(np.float64)
 
 
 def _first(window: _Window, widest: Rung, cluttered: float) -> tuple[_Edges, Floats] | None:

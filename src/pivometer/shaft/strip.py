@@ -121,7 +121,7 @@ def strip(
 def seen_beside(
     turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], near_px: tuple[float, float]
 ) -> Floats:
-    """Return what another picture shows at the near pixels of a `strip`, shape (2, rows, k).
+    """Return what another picture shows at the near pixels of a `strip`, and how it changes there.
 
     Parameters
     ----------
@@ -129,9 +129,27 @@ def seen_beside(
         The other picture, turned like the image.
     maps, near_px
         As of the strip.
+
+    Returns
+    -------
+    numpy.ndarray
+        Grey levels, and their derivatives by column and by row, shape (3, 2, rows, k).
     """
     near, beyond = _columns(maps, near_px)
-    return _gathered(turned, maps, np.arange(-near, beyond + 1))[0]
+    begin, count = _rows(maps)
+    height, width = turned.shape
+    planes = np.zeros((3, 2, count, near + beyond + 1))
+    for edge, m in enumerate(maps):
+        at = slice(begin[edge], begin[edge] + len(m.rows))
+        columns = np.clip(m.columns(np.arange(-near - 1, beyond + 2)), 0, width - 1)
+        above, here, below = (
+            picked(turned, np.clip(m.rows + k, 0, height - 1), columns).astype(np.float64)
+            for k in (-1, 0, 1)
+        )
+        planes[0, edge, at] = here[:, 1:-1]
+        planes[1, edge, at] = (here[:, 2:] - here[:, :-2]) * (m.outward / 2)
+        planes[2, edge, at] = (below - above)[:, 1:-1] / 2
+    return planes
 
 
 def _columns(maps: tuple[BandMap, BandMap], near_px: tuple[float, float]) -> tuple[int, int]:
