@@ -39,6 +39,16 @@ LARGEST_GAIN = 2.0
 the mean of neighbours instead: its noise would grow, or there are more colours than two."""
 
 _BINOMIAL = np.array([0.25, 0.5, 0.25])
+_ODD_AND_APART = np.stack(
+    [
+        np.tile([0.0, 1.0], CELL_PX // 2) / (CELL_PX // 2),
+        np.concatenate([[-0.5], np.tile([1.0, -1.0], CELL_PX // 2 - 2), [1.0, -0.5, 0.0]])
+        / (CELL_PX // 2 - 1),
+    ],
+    axis=1,
+)
+"""From a cell's pixels to the mean of the odd ones, and to what these but the last differ by from
+the mean of their neighbours."""
 
 
 def is_mosaic(image: NDArray[np.generic]) -> bool:
@@ -62,16 +72,16 @@ def is_mosaic(image: NDArray[np.generic]) -> bool:
         return False
     first = np.unique(np.linspace(0, height - 2, SAMPLED_ROWS).astype(np.intp))
     rows = np.concatenate([image[first], image[first + 1]]).astype(np.float64)
-    cells = (width - 1) // CELL_PX
-    odd = slice(1, cells * CELL_PX, 2)
-    apart = (
-        rows[:, odd] - (rows[:, : cells * CELL_PX : 2] + rows[:, 2 : cells * CELL_PX + 1 : 2]) / 2
-    )
-    apart = apart.reshape(len(rows), cells, -1)
-    level = rows[:, odd].reshape(apart.shape).mean(axis=-1)
-    error = apart.std(axis=-1) / np.sqrt(apart.shape[-1])
-    least = np.maximum(LEAST_PART * level + 0.5, LEAST_SIGMAS * error)
-    return bool((np.abs(apart.mean(axis=-1)) > least).mean() > MOSAIC_PART)
+    cells = rows[:, : width // CELL_PX * CELL_PX].reshape(len(rows), -1, CELL_PX)
+    level, apart = np.moveaxis(cells @ _ODD_AND_APART, -1, 0)
+    alternating = np.abs(apart) > LEAST_PART * level + 0.5
+    if alternating.mean() <= MOSAIC_PART:
+        return False
+    cells = cells[alternating]
+    single = cells[:, 1:-1:2] - (cells[:, :-2:2] + cells[:, 2::2]) / 2
+    error = single.std(axis=-1) / np.sqrt(single.shape[-1])
+    sure = np.abs(apart[alternating]) > LEAST_SIGMAS * error
+    return bool(sure.sum() > MOSAIC_PART * alternating.size)
 
 
 def luminance(image: NDArray[np.generic]) -> Grey:
