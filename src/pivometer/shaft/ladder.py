@@ -95,6 +95,9 @@ CLEAR_PX = 3.0
 beside a ramp. With over 3 in 10 such chunks no ramp holds; with over 1 in 10 what the frames tell
 of the background is better: with a ramp drawn brushed metal before 2 to 3 in 10 was 0.4 px off."""
 
+WITHIN_PX = 2.5
+"""So far inside an edge shading is smooth along the shaft: neighbouring rows differ by noise."""
+
 HIDDEN_PX = 4.0
 """So far inside an edge nothing of the background is seen at usual blur."""
 
@@ -251,6 +254,8 @@ def fit_ladder(
     seen = bands.x_px[bands.valid > 0] if bands.valid.any() else bands.x_px[0]
     range_px = np.stack([seen.min(axis=0), seen.max(axis=0)])
     window = _Window(bands, lines, half, behind, blur, range_px)
+    if behind is None and _cluttered_at_sight(window) > CLUTTERED_PART:
+        return None
     first = _first(window, rungs[0], cluttered)
     if first is None:
         return None
@@ -359,6 +364,27 @@ def _first(window: _Window, widest: Rung, cluttered: float) -> tuple[_Edges, Flo
     return edges, parameters
 
 
+def _cluttered_at_sight(window: _Window) -> float:
+    """Return the part of the chunks with other surroundings than a ramp, before anything is fitted.
+
+    Noise is how pixels within the shaft differ from those of the next row. In drawn and rendered
+    sessions it was over 0.5 before clutter, elsewhere at most 0.06.
+    """
+    bands, (least, most) = window.bands, window.range_px
+    whole = bands.valid.reshape(-1, CHUNK_ROWS).min(axis=1) > 0
+    grey, x = (v.reshape(len(whole), CHUNK_ROWS, -1)[whole] for v in (bands.near, bands.x_px))
+    within = grey[..., most < -WITHIN_PX * window.widen]
+    far = (least > CLEAR_PX) & (most < SURROUNDINGS.outer_px * window.widen)
+    if not within.size or not far.any():
+        return 0.0
+    change = np.square(np.diff(within, axis=1)).mean(axis=(1, 2))
+    noise = max(float(np.percentile(change, NOISE_PERCENTILE)) / 2, 1 / 12)
+    grey, x = (v[..., far].reshape(len(v), -1) for v in (grey, x))
+    grey, x = (v - v.mean(axis=1, keepdims=True) for v in (grey, x))
+    left = np.vecdot(grey, grey) - np.vecdot(grey, x) ** 2 / np.maximum(np.vecdot(x, x), 1e-9)
+    return float(np.mean(left > CLUTTER_TIMES * noise * x.shape[1]))
+
+
 def _noise(rest: Rest) -> float:
     """Return the noise's standard deviation: that of the quieter chunks."""
     variance, count = rest.variance()
@@ -412,10 +438,15 @@ def _climbed(
         systematic.append(spread**2 + SYSTEMATIC_PX**2)
         parameters[at] = tried(rung).parameters[at]
     window = edges.window
-    for samples in (edges.samples, window.pixels(max(chosen, key=_inner), edges.rows)):
-        rests = _of_both(samples, chosen, parameters, window.widen)
-        step, covariance = solve(rests, edges.noise, window.blur, parameters)
-        parameters = _stepped(parameters, step)
+    if chosen[0] is chosen[1]:
+        parameters = tried(chosen[0]).parameters
+    else:
+        rests = _of_both(edges.samples, chosen, parameters, window.widen)
+        parameters = _stepped(parameters, solve(rests, edges.noise, window.blur, parameters)[0])
+    samples = window.pixels(max(chosen, key=_inner), edges.rows)
+    rests = _of_both(samples, chosen, parameters, window.widen)
+    step, covariance = solve(rests, edges.noise, window.blur, parameters)
+    parameters = _stepped(parameters, step)
     covariance = covariance * inflation(rests, edges.noise)
     covariance[range(4), range(4)] += np.repeat(systematic, 2)
     return _fitted(edges, rests, parameters, covariance, chosen, depth), chosen

@@ -169,8 +169,9 @@ def eliminated(
     gram = values @ np.swapaxes(values, -1, -2)
     size = np.trace(gram, axis1=-2, axis2=-1)[:, None, None]
     gram += (1e-9 * size + 1e-9) * np.eye(gram.shape[-1])
+    inverse = np.linalg.inv(gram)
     grey = root * grey
-    levels = np.asarray(np.linalg.solve(gram, values @ grey[..., None]), dtype=np.float64)
+    levels = inverse @ (values @ grey[..., None])
     row = np.swapaxes(levels, -1, -2)
     moving = row[..., : slopes.shape[1]]
     columns = np.empty((len(values), 4, values.shape[-1]))
@@ -180,7 +181,7 @@ def eliminated(
     np.subtract(grey, (row @ values)[:, 0], out=columns[:, 3])
     mixed = values @ np.swapaxes(columns, -1, -2)
     rest = columns @ np.swapaxes(columns, -1, -2)
-    rest -= np.swapaxes(mixed, -1, -2) @ np.linalg.solve(gram, mixed)
+    rest -= np.swapaxes(mixed, -1, -2) @ (inverse @ mixed)
     return levels[..., 0], columns, rest
 
 
