@@ -44,7 +44,7 @@ from pivometer.shaft.pairs import EdgePair, edge_pairs
 from pivometer.shaft.refit import refitted_edges
 from pivometer.shaft.rivals import SERIOUS_SHARE, Turning, turning_things, widest
 from pivometer.shaft.shifting import shifting_motion
-from pivometer.shaft.straight import LEAST_SUPPORT_PX, EdgeLine, Passing, edge_lines, same_line
+from pivometer.shaft.straight import LEAST_SUPPORT_PX, EdgeLine, Passing, edge_lines, other_lines
 
 TRUSTED_MEDIAN = 6
 """From this many frames on the median grey level tells what a pair of edges hides; with fewer, the
@@ -147,7 +147,7 @@ class _Search:
     def again(self, copy: NDArray[np.uint16], frame: _Frame, motion: Motion) -> _Frame:
         """Search once more, only for lines that pass the pivot."""
         extra = edge_lines(frame.edges, self.centre_px, motion.passing)
-        fresh = [line for line in extra if not any(same_line(line, old) for old in frame.lines)]
+        fresh = other_lines(extra, frame.lines)
         return self._with_lines(copy, frame.edges, frame.lines + fresh, motion.passing)
 
     def _with_lines(

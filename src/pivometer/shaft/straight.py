@@ -103,14 +103,17 @@ def edge_lines(
         return []
     reach = float(np.hypot(*centre_px)) + 2
     normals, offsets = _peaks(points, directions, reach, passing)
-    lines: list[EdgeLine] = []
     fitted = _fitted(points, directions, normals, offsets, reach)
-    for line, normal, offset in zip(fitted, normals, offsets, strict=True):
-        if line is None or any(_is_near(other, normal, offset) for other in lines):
-            continue
-        if not any(same_line(line, other) for other in lines):
-            lines.append(line)
-    return lines
+    found = [(k, line) for k, line in enumerate(fitted) if line is not None]
+    if not found:
+        return []
+    which, lines = [k for k, _ in found], [line for _, line in found]
+    own = _stacked(lines)
+    twice = _near(own, own) | _near((normals[which], offsets[which]), own)
+    kept = np.zeros(len(lines), dtype=bool)
+    for place, like in enumerate(twice):
+        kept[place] = not (like & kept).any()
+    return [line for line, one in zip(lines, kept, strict=True) if one]
 
 
 def _peaks(
@@ -270,12 +273,23 @@ def _bow_residual(around: _Around, along: Floats, across: Floats) -> Floats:
     return rest
 
 
-def same_line(one: EdgeLine, other: EdgeLine) -> bool:
-    """Tell whether two lines are the same edge: within 2 px at the middle and 0.03 rad."""
-    return _is_near(one, other.normal, other.offset_px)
+def other_lines(lines: Sequence[EdgeLine], known: Sequence[EdgeLine]) -> list[EdgeLine]:
+    """Return the lines that are none of those known."""
+    if not lines or not known:
+        return list(lines)
+    same = np.asarray(_near(_stacked(lines), _stacked(known)).any(axis=1))
+    return [line for line, one in zip(lines, same, strict=True) if not one]
 
 
-def _is_near(line: EdgeLine, normal: Floats, offset_px: float) -> bool:
-    facing = 1.0 if line.normal @ normal > 0 else -1.0
-    turn = float(line.normal[0] * normal[1] - line.normal[1] * normal[0])
-    return abs(turn) < 0.03 and abs(line.offset_px - facing * offset_px) < 2.0
+def _stacked(lines: Sequence[EdgeLine]) -> tuple[Floats, Floats]:
+    """Return the lines' normals (n, 2) and offsets (n,)."""
+    return np.stack([line.normal for line in lines]), np.array([line.offset_px for line in lines])
+
+
+def _near(ones: tuple[Floats, Floats], others: tuple[Floats, Floats]) -> NDArray[np.bool_]:
+    """Tell which lines are the same edge: within 2 px at the middle and 0.03 rad, shape (n, m)."""
+    (a, b), (c, d) = ones, others
+    facing = np.where(a @ c.T > 0, 1.0, -1.0)
+    turn = a[:, :1] * c[:, 1] - a[:, 1:] * c[:, 0]
+    away = b[:, None] - facing * d
+    return np.asarray((np.abs(turn) < 0.03) & (np.abs(away) < 2.0))
