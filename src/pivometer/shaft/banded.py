@@ -18,7 +18,7 @@ from pivometer.shaft.bands import EdgeLine, width_px
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
 from pivometer.shaft.profile import normal_cdf
-from pivometer.shaft.strip import CHUNK_ROWS, Strip, strip
+from pivometer.shaft.strip import CHUNK_ROWS, Strip, mean_beside, strip
 
 INNER_PX, OUTER_PX = 5.0, 4.0
 LEAST_HALF_PX = 3.0
@@ -97,11 +97,11 @@ def fit_banded(
         return None
     near = maps[0].towards(lines[0]), maps[1].towards(lines[1])
     inner = min(INNER_PX, half)
+    if not _is_banded(turned, near, half):
+        return None
     bands = strip(
         turned, near, lines, near_px=(inner + 1, OUTER_PX + 1), inner_px=0.0, outer_px=0.0
     )
-    if not _is_banded(bands, half):
-        return None
     estimate = np.array([0.0, 0.0, 0.0, 0.0, FIRST_BLUR_PX])
     for _ in range(ITERATIONS):
         rows = _linearized(bands, estimate, inner)
@@ -133,18 +133,15 @@ def fit_banded(
     )
 
 
-def _is_banded(bands: Strip, half_px: float) -> bool:
+def _is_banded(turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], half_px: float) -> bool:
     """Tell whether the shaft's own grey level jumps along it."""
-    inside = (bands.x_px < -min(FAR_PX, half_px / 2)) * bands.valid[..., None]
-    level = (inside * bands.near).sum(axis=-1) / np.maximum(inside.sum(axis=-1), 1)
-    seen = inside.sum(axis=-1) > 0
+    level, seen = mean_beside(turned, maps, (-min(INNER_PX, half_px), -min(FAR_PX, half_px / 2)))
+    beyond, _ = mean_beside(turned, maps, (FAR_PX, OUTER_PX))
     both = seen[:, 1:] & seen[:, :-1]
     change = np.diff(level, axis=1)[both]
     if change.size < 2 * CHUNK_ROWS:
         return False
     noise = 1.4826 * float(np.median(np.abs(change))) / np.sqrt(2)
-    outside = (bands.x_px > FAR_PX) * bands.valid[..., None]
-    beyond = (outside * bands.near).sum(axis=-1) / np.maximum(outside.sum(axis=-1), 1)
     contrast = float(np.median(np.abs(level - beyond)[seen]))
     chunks, there = level.reshape(2, -1, CHUNK_ROWS), seen.reshape(2, -1, CHUNK_ROWS)
     high = np.where(there, chunks, -np.inf).max(axis=-1)

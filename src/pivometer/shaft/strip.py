@@ -118,6 +118,24 @@ def strip(
     )
 
 
+def mean_beside(
+    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], between_px: tuple[float, float]
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return each row's mean grey level between two distances, and which rows lie in the image.
+
+    Parameters
+    ----------
+    turned, maps
+        As of a strip, whose rows these are.
+    between_px
+        The distances outward from both edges, to a pixel.
+    """
+    slant = max(m.slant for m in maps)
+    first, last = (round(slant * distance) for distance in between_px)
+    grey, inside = _gathered(turned, maps, np.arange(first, last + 1))
+    return np.asarray(grey.mean(axis=-1)), np.asarray(inside.all(axis=-1))
+
+
 def seen_beside(
     turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], near_px: tuple[float, float]
 ) -> Floats:
