@@ -178,9 +178,14 @@ def _smallest_root(polynomial: Floats) -> float:
 
 def image_reach(coefficients: ArrayLike) -> float:
     """Return the radius of the image of the fold: further out, no point has an inverse."""
-    fold = min(fold_radius(coefficients), _LARGEST_RADIUS)
-    numerator, denominator = _ratio(np.array(fold**2), full_length(coefficients))
-    return float(fold * numerator / denominator)
+    k = full_length(checked(coefficients, (None,), "distortion"))
+    return _image_radius(min(_fold(*k.tolist()), _LARGEST_RADIUS), k)
+
+
+def _image_radius(radius: float, k: Floats) -> float:
+    """Return the distorted radius of a radius."""
+    numerator, denominator = _ratio(np.array(radius**2), k)
+    return float(radius * numerator / denominator)
 
 
 def undistort(distorted: ArrayLike, coefficients: ArrayLike) -> Floats:
@@ -216,18 +221,18 @@ def undistort(distorted: ArrayLike, coefficients: ArrayLike) -> Floats:
         return points
     tangential = bool(k[2:4].any())
     target = np.linalg.norm(points, axis=-1)
-    reach = image_reach(k)
+    fold = min(_fold(*k.tolist()), _LARGEST_RADIUS)
+    reach = _image_radius(fold, k)
     inside = np.minimum(target, 0.999 * reach) if tangential else target
     _refuse(inside >= reach, k)
-    radius = _radial_inverse(inside, k)
+    radius = _radial_inverse(inside, k, fold)
     scale = np.divide(radius, target, out=np.ones_like(target), where=target > 0)
     undistorted: Floats = points * scale[..., None]
     return _two_dimensional(points, undistorted, k) if tangential else undistorted
 
 
-def _radial_inverse(target: Floats, k: Floats) -> Floats:
-    """Return the radii whose distorted radii are `target`, by Newton's method between bounds."""
-    fold = min(fold_radius(k), _LARGEST_RADIUS)
+def _radial_inverse(target: Floats, k: Floats, fold: float) -> Floats:
+    """Return the radii up to `fold` whose distorted radii are `target`, by safe Newton steps."""
     radius = np.minimum(target, 0.999 * fold)
     low, high = np.zeros_like(target), np.full_like(target, fold)
     for _ in range(100):
