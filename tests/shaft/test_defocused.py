@@ -1,7 +1,11 @@
 """A shaft whose two edges' blurs meet, and the averaging of pixels in bins."""
 
+import itertools
+
 import numpy as np
 import pytest
+from benchmarks.defocused import CAMERA as BLURRED
+from benchmarks.defocused import bow_score, drawn, scores
 from scipy.integrate import quad
 from scipy.special import ndtr
 
@@ -52,6 +56,43 @@ def test_edges_whose_blurs_meet_are_found_before_a_background_that_crosses_their
         assert found.sigma_px.max() < 0.2
     # 12 scores, of which 1 in 400 would be over 3 if the stated uncertainty were all noise.
     assert np.abs(scores).max() < 3
+
+
+def test_bent_blurred_shafts_have_their_nearest_lines_and_bows_within_what_is_stated():
+    rng = np.random.default_rng(8)
+    kinds = ({}, {"side": 0.15}, {"round_": True}, {"crossing": True, "spots": True})
+    for kind in kinds:
+        shaft = drawn(rng, bow_px=(1.5, 3.0), **kind)
+        found = fit_edges(shaft.image, BLURRED, ShaftSeed(shaft.seed_px))
+        error, sigma = scores(shaft, found)
+        # Six numbers, of which the three of an edge are one line's: 1 in 500 is beyond 3.5.
+        assert np.abs(error / sigma).max() < 3.5
+        assert sigma[:, 1].max() < 0.5
+        off, u = bow_score(shaft, found)
+        assert abs(off) < 4 * u
+        assert any(warning.startswith("bent") for warning in found.warnings)
+
+
+def test_a_shaft_without_noise_bends_and_is_lit_as_drawn():
+    y, x = np.mgrid[0:240, 0:320].astype(float)
+    t = (y - 119.5) / 111.5
+    across, half, blur = x - 158.3 - 0.1 * (y - 120) + 1.8 * (t**2 - 1 / 3), 8.0, 2.7 + 0.4 * t
+    image = 170 + 20 * t
+    bounds = np.linspace(-half, half, 33)
+    for low, high in itertools.pairwise(bounds):
+        strip = ndtr((across - low) / blur) - ndtr((across - high) / blur)
+        image += (SHAFT * (1 + 0.1 * (low + high) / 2 / half) - 170 - 20 * t) * strip
+    ends = np.array([8.0, 231.0])
+    edges = np.array([[[158.3 + 0.1 * (e - 120) + s * half, e] for e in ends] for s in (-1, 1)])
+    seed = ShaftSeed(edges + np.array([[[1.5, 0], [-1.0, 0]], [[2.0, 0], [1.0, 0]]]))
+    found = fit_edges(image, CAMERA, seed)
+    for truth, points in zip(edges, found.points_px, strict=True):
+        foot = np.interp(points[:, 1], truth[:, 1], truth[:, 0])
+        # The blur's square is no parabola here, and pixels are boxes: a fiftieth of a blur each.
+        assert np.abs(points[:, 0] - foot).max() < 0.06
+    seen = np.ptp(found.points_px[:, :, 1]) / 223
+    assert -found.curvature_px[0] == pytest.approx(1.8 * seen**2, abs=0.06)
+    assert found.curvature_px[1] == pytest.approx(1.8 * seen**2, abs=0.06)
 
 
 def chunks(rng, parameters):

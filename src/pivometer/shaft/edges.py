@@ -19,6 +19,7 @@ from pivometer.shaft.banded import fit_banded
 from pivometer.shaft.bands import EdgeLine, edge_lines, is_upright, width_px
 from pivometer.shaft.defocused import fit_defocused
 from pivometer.shaft.detection import ShaftSeed
+from pivometer.shaft.evidence import LARGE_BLUR_PX
 from pivometer.shaft.fitted import FittedEdges, ShaftEdges, shaft_edges
 from pivometer.shaft.ladder import CLEAN_PART, fit_ladder
 from pivometer.shaft.lanes import with_lanes
@@ -150,6 +151,8 @@ def fit_edges(
     fitted = fit_plain(turned, (maps[0], maps[1]), start)
     if fitted is None and width_px(start) < THIN_PX:
         fitted = fit_thin(turned, (maps[0], maps[1]), start)
+        if fitted is not None:
+            fitted = _unless_defocused(turned, (maps[0], maps[1]), start, fitted)
     if fitted is None:
         fitted = fit_banded(turned, (maps[0], maps[1]), start)
     if fitted is None:
@@ -200,7 +203,7 @@ def _fit_round(
     """
     fitted = fit_ladder(turned, maps, start, cluttered=CLEAN_PART) if clean else None
     if _holds(fitted):
-        return fitted
+        return _unless_defocused(turned, maps, start, fitted)
     told = behind()
     fitted = None if told is None else fit_ladder(turned, maps, start, told)
     if told is not None and _holds(fitted):
@@ -208,14 +211,27 @@ def _fit_round(
     if fitted is None and clean:
         fitted = fit_ladder(turned, maps, start)
     if _holds(fitted):
-        return fitted
+        return _unless_defocused(turned, maps, start, fitted)
     guarded = fit_shaded(pixels, camera, start, FIRST_BLUR_PX)
-    fitted = fit_defocused(turned, maps, start, float(guarded.parameters[4]))
+    # A background of its own in every row takes a large blur for its own.
+    blur_px = max(float(guarded.parameters[4]), LARGE_BLUR_PX)
+    fitted = fit_defocused(turned, maps, start, blur_px)
     if fitted is None and told is not None:
         fitted = fit_ladder(turned, maps, guarded.lines, told)
         if _holds(fitted):
             return with_lanes(turned, maps, fitted, told)
     return fitted if _holds(fitted) else guarded
+
+
+def _unless_defocused(
+    turned: NDArray[np.generic],
+    maps: tuple[BandMap, BandMap],
+    start: tuple[EdgeLine, EdgeLine],
+    fitted: FittedEdges,
+) -> FittedEdges:
+    """Return a fit of sharp edges, or that of edges whose blurs meet where it holds."""
+    both = fit_defocused(turned, maps, start, float(fitted.parameters[4]))
+    return fitted if both is None else both
 
 
 def _holds(fitted: FittedEdges | None) -> TypeGuard[FittedEdges]:
