@@ -89,8 +89,9 @@ def _shown(frames: Sequence[Image], shafts_px: Sequence[Floats]) -> Floats:
     layers = []
     for frame, edges in zip(frames, shafts_px, strict=True):
         shaft = _covered(edges, frame.shape)
-        level = np.where(hidden % 2 == 0, ends.min, ends.max).astype(frame.dtype)
-        layers.append(np.where(shaft, level, frame))
+        layer = frame.copy()
+        layer[shaft] = np.where(hidden[shaft] % 2 == 0, ends.min, ends.max)
+        layers.append(layer)
         hidden += shaft
     told = layered_median(np.stack(layers))
     return np.where(len(frames) - hidden.astype(int) >= LEAST_SHOWN, told, np.nan)
@@ -105,5 +106,5 @@ def _covered(edges_px: Floats, shape: tuple[int, ...]) -> NDArray[np.bool_]:
         along = (end - start) / np.hypot(*(end - start))
         across = np.array([-along[1], along[0]])
         across = across * np.sign(across @ (middle - start))
-        covered &= across[0] * columns + across[1] * rows > across @ start - BESIDE_PX
+        covered &= across[0] * columns > across @ start - BESIDE_PX - across[1] * rows
     return covered
