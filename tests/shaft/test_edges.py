@@ -246,6 +246,16 @@ def test_the_limb_of_a_round_shaft_does_not_move_the_edges():
     assert abs((offsets[:, 0] - offsets[:, 1]).mean() / 2) < 0.01
 
 
+def test_shot_noise_of_a_bright_wall_is_no_clutter():
+    rng = np.random.default_rng(13)
+    scene = render(camera_of(), inside=60.0, outside=200.0, limb=0.6, side_light=0.3)
+    image = np.rint(scene.clean + rng.normal(size=scene.clean.shape) * np.sqrt(scene.clean / 30))
+    edges = fit_edges(image.astype(np.uint8), scene.camera, ShaftSeed(scene.seed_px))
+    assert edges.shading == "limb"  # a background of its own in every row is half as certain
+    middle = scene.offsets_px(edges.points_px).mean(axis=1)
+    assert np.abs(middle / edges.sigma_px).max() < 3
+
+
 @pytest.mark.parametrize("width_px", [6.0, 9.0, 70.0])
 def test_thin_and_wide_shafts(width_px):
     rng = np.random.default_rng(12)

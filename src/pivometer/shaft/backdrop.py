@@ -8,6 +8,7 @@ whatever the shading of the shaft: so no lane of brushed metal passes for its ed
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,14 +87,12 @@ def _shown(frames: Sequence[Image], shafts_px: Sequence[Floats]) -> Floats:
     """
     ends = np.iinfo(frames[0].dtype)
     hidden = np.zeros(frames[0].shape, dtype=np.uint8)
-    layers = []
-    for frame, edges in zip(frames, shafts_px, strict=True):
-        shaft = _covered(edges, frame.shape)
-        layer = frame.copy()
+    layers: NDArray[Any] = np.array(frames)
+    for layer, edges in zip(layers, shafts_px, strict=True):
+        shaft = _covered(edges, layer.shape)
         layer[shaft] = np.where(hidden[shaft] % 2 == 0, ends.min, ends.max)
-        layers.append(layer)
         hidden += shaft
-    told = layered_median(np.stack(layers))
+    told = layered_median(layers)
     return np.where(len(frames) - hidden.astype(int) >= LEAST_SHOWN, told, np.nan)
 
 
