@@ -104,15 +104,17 @@ class StressSession:
     shading: str
     has_second_rod: bool
 
-    def error_px(self, name: str, pose: int, points_px: Floats) -> float:
-        """Return the largest distance of raw points (2, m, 2) from the two true edges."""
+    def offsets_px(self, name: str, pose: int, points_px: Floats) -> Floats:
+        """Return distances (2, m) of raw points on both edges (2, m, 2) from the true ones."""
         camera = next(camera for camera in self.rig.cameras if camera.name == name)
         points = camera.undistorted_pixels(points_px)
-        off = np.abs(
-            np.einsum("lk,emk->lem", self.edges_px[name][pose][:, :2], points)
-            + self.edges_px[name][pose][:, 2, None, None]
-        ).max(axis=-1)
-        return float(min(max(off[0, 0], off[1, 1]), max(off[0, 1], off[1, 0])))
+        lines = self.edges_px[name][pose][:, None]
+        there, crossed = (
+            np.einsum("emk,emk->em", lines[order][..., :2], points) + lines[order][..., 2]
+            for order in ([0, 1], [1, 0])
+        )
+        nearer = there if np.abs(there).max() < np.abs(crossed).max() else crossed
+        return np.asarray(nearer)
 
 
 def views(rng: np.random.Generator) -> list[View]:

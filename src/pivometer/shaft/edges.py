@@ -220,7 +220,9 @@ def _fit_round(
         fitted = fit_ladder(turned, maps, guarded.lines, told)
         if _holds(fitted):
             return with_lanes(turned, maps, fitted, told)
-    return fitted if _holds(fitted) else guarded
+    if _holds(fitted):
+        return fitted
+    return guarded if told is None else with_lanes(turned, maps, guarded, told)
 
 
 def _unless_defocused(

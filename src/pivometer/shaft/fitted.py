@@ -128,6 +128,9 @@ class FittedEdges:
     overshoot
         Grey step across each edge over the range of grey levels seen in the same rows, shape (2,);
         0 where a model cannot extrapolate.
+    shown_part
+        Part of the chunks beside each edge in which what is known to stand behind the shaft shows,
+        shape (2,); NaN where they do not tell.
     """
 
     start: tuple[EdgeLine, EdgeLine]
@@ -144,6 +147,7 @@ class FittedEdges:
     shading: str
     response_px: float = 0.0
     overshoot: Floats = field(default_factory=lambda: np.zeros(2))
+    shown_part: Floats = field(default_factory=lambda: np.full(2, np.nan))
 
     @property
     def lines(self) -> tuple[EdgeLine, EdgeLine]:

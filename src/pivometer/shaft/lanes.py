@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pivometer._arrays import Floats
 from pivometer.shaft.band_map import BandMap
 from pivometer.shaft.bands import width_px
+from pivometer.shaft.beside import hats, shown_part
 from pivometer.shaft.fitted import FittedEdges
 from pivometer.shaft.ladder import inflation, known_behind
 from pivometer.shaft.rungs import OUT, Blur, Rest, Rung, eliminated, terms_of
@@ -74,7 +75,7 @@ def with_lanes(
     maps
         Where its pixels are.
     fitted
-        The edges as `ladder` tells them; only its rows count.
+        The edges as another fit tells them; only its rows count.
     background
         What stands behind the shaft, turned likewise; NaN where unknown.
     """
@@ -85,12 +86,13 @@ def with_lanes(
     near = maps[0].towards(lines[0]), maps[1].towards(lines[1])
     bands = strip(turned, near, lines, near_px=reach, inner_px=0.0, outer_px=0.0)
     behind, known = known_behind(background, near, reach, bands.x_px)
-    rows = bands.valid * known * fitted.accepted
+    rows = bands.valid * known * _accepted(fitted, bands.lever.mean(axis=-1))
     half = np.full_like(bands.scale, width_px(lines) / 2)
     samples = pixels(bands, half, rows, behind, slice(None))
     parameters, covariance = fitted.parameters.copy(), fitted.covariance.copy()
-    for edge in (0, 1):
-        lanes = fit_lanes(samples.of_edge(edge), widen, blur, fitted.noise_grey)
+    sides = samples.of_edge(0), samples.of_edge(1)
+    for edge, side in enumerate(sides):
+        lanes = fit_lanes(side, widen, blur, fitted.noise_grey)
         if lanes is None:
             continue
         at = slice(2 * edge, 2 * edge + 2)
@@ -101,7 +103,20 @@ def with_lanes(
         covariance[at] = covariance[:, at] = 0.0
         covariance[at, at] = (first - gain @ first) * birge
         parameters[at] += gain @ apart
-    return replace(fitted, parameters=parameters, covariance=covariance)
+    shown = np.array([shown_part(side, widen, fitted.noise_grey) for side in sides])
+    return replace(fitted, parameters=parameters, covariance=covariance, shown_part=shown)
+
+
+def _accepted(fitted: FittedEdges, lever: Floats) -> Floats:
+    """Return which of some rows, shape (2, rows), a fit accepted, whose own rows may differ."""
+    found = []
+    for at, own, accepted, counted in zip(
+        lever, fitted.lever, fitted.accepted, fitted.counted, strict=True
+    ):
+        places = own[counted]
+        order = np.argsort(places)
+        found.append(np.interp(at, places[order], accepted[counted][order]) >= 0.5)
+    return np.stack(found)
 
 
 def fit_lanes(samples: Samples, widen: float, blur: Blur, noise: float) -> Lanes | None:
@@ -124,7 +139,7 @@ def fit_lanes(samples: Samples, widen: float, blur: Blur, noise: float) -> Lanes
     if behind is None or not count.any():
         return None
     changes = replace(samples, count=count, behind=_changes(behind, x, count))
-    profile = _hats(x, np.linspace(low, high, round((high - low) / (KNOT_PX * widen)) + 1))
+    profile = hats(x, np.linspace(low, high, round((high - low) / (KNOT_PX * widen)) + 1))
     own, prior = np.array([0.0, 0.0, blur.mean_px]), (noise / blur.sigma_px) ** 2
     for _ in range(ITERATIONS):
         rest = _weighted(_linearized(changes, profile, own), noise)
@@ -145,14 +160,17 @@ def fit_lanes(samples: Samples, widen: float, blur: Blur, noise: float) -> Lanes
 
 
 def _weighted(rest: Rest, noise: float) -> Rest:
-    """Return the normal equations with each chunk's own error and Huber's weight.
+    """Return the normal equations with each chunk's misfit, its own error and Huber's weight.
 
-    Where one chunk tells nearly all, its error of a hundredth would pass for a tilt.
+    Where a shadow or something else beside the shaft is not in the background, single pixels tell
+    it by residuals beyond the noise. Where one chunk tells nearly all, its error of a hundredth
+    would pass for a tilt.
     """
-    informed = np.maximum(rest.information[:, 0, 0] / noise**2, 1e-12)
+    misfit = np.maximum(rest.variance()[0] / noise**2, 1.0)
+    informed = np.maximum(rest.information[:, 0, 0] / noise**2 / misfit, 1e-12)
     own = 1 / (1 + SYSTEMATIC_PX**2 * informed)
-    away = np.abs(rest.gradient[:, 0]) / noise**2 * np.sqrt(own / informed)
-    weight = own * np.minimum(1.0, HUBER_SIGMAS / np.maximum(away, 1e-12))
+    away = np.abs(rest.gradient[:, 0]) / noise**2 / misfit * np.sqrt(own / informed)
+    weight = own / misfit * np.minimum(1.0, HUBER_SIGMAS / np.maximum(away, 1e-12))
     return replace(
         rest,
         information=rest.information * weight[:, None, None],
@@ -172,12 +190,6 @@ def _changes(behind: Behind, x: Floats, count: Floats) -> Behind:
     levels = np.linalg.solve(gram, weighted @ behind.grey[..., None])[..., 0]
     ramp = levels[:, 1:2] + 2 * levels[:, 2:] * x
     return Behind(behind.grey - (levels[:, None] @ basis)[:, 0], behind.slope - ramp)
-
-
-def _hats(x: Floats, knots: Floats) -> Floats:
-    """Return 1 at each knot, falling to 0 at the next ones, shape (chunks, knots, p)."""
-    hats: Floats = 1 - np.abs(x[:, None] - knots[:, None]) / (knots[1] - knots[0])
-    return np.maximum(hats, 0.0)
 
 
 def _linearized(samples: Samples, profile: Floats, own: Floats) -> Rest:

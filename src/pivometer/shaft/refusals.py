@@ -20,13 +20,15 @@ SEED_WIDTH_PART = 0.2
 LARGEST_TAPER = 0.5
 FARTHEST_PX = 4.0
 LARGEST_OVERSHOOT = 2.0
+LEAST_SHOWN = 0.5
 """Refusals: fewer rows than 20 or a quarter of the seed's; contrast under twice the noise; an
 edge known to no better than half a pixel; edges closer than 3 px, or whose distance differs from
 the seed's by more than two seeds' errors and a fifth, or from end to end by more than a half; an
 end that a fit moved by 4 px from where the search saw a grey step, which is good to 1 px; a grey
 step over twice the range of grey levels seen beside the edge: levels are then extrapolated to what
 no pixel shows, beside a highlight or a lane of brushed metal. In 14 drawn sessions 60 of 69 such
-edges were over 0.5 px off, the others 0.15 to 0.49 px."""
+edges were over 0.5 px off, the others 0.15 to 0.49 px; an edge beside which the background shows
+in less than half of the chunks that tell."""
 
 
 def strays(fitted: FittedEdges) -> bool:
@@ -53,6 +55,12 @@ def refuse_fit(camera: Camera, fitted: FittedEdges, seed: tuple[EdgeLine, EdgeLi
         raise ShaftNotFoundError(
             f"camera {camera.name}: the step at an edge would be {fitted.overshoot.max():.1f} "
             "times the range of grey levels seen there, so a highlight passes for it",
+            next_step="soften the light, or put a background behind the shaft that differs from it",
+        )
+    if (fitted.shown_part < LEAST_SHOWN).any():
+        raise ShaftNotFoundError(
+            f"camera {camera.name}: beside an edge that was found, what stands behind the shaft "
+            "does not show, so it is not the shaft's edge, or something hides it",
             next_step="soften the light, or put a background behind the shaft that differs from it",
         )
     refuse_width(camera, width_px(lines), width_px(seed))
