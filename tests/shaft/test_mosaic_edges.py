@@ -81,7 +81,7 @@ def test_an_edge_behind_colour_filters_is_as_good_as_without(filters):
 def test_saturated_pixels_of_a_mosaic_are_told():
     rng = np.random.default_rng(0)
     part, truth = scene(rng)
-    bright = np.clip(pictured(part, "gains", rng).astype(np.float64) * 2.5, 0, 255)
+    bright = np.clip(pictured(part, "gains", rng).astype(np.float64) * 2.0, 0, 255)
     edges = fit_edges(bright.astype(np.uint8), CAMERA, ShaftSeed(truth))
     assert edges.saturated_part.min() > 0.05
     assert any("saturated" in warning for warning in edges.warnings)
