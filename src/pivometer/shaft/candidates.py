@@ -87,10 +87,10 @@ def candidates(
     """
     found = []
     for number, thing in enumerate(things):
-        for one in [thing] if alone else [thing, *_other_widths(thing, table)]:
+        for one, part in [(thing, table)] if alone else _widths(thing, table):
             edges = {
                 frame: scale.raw_pixels(pairs[frame][which].edges_px + centre_px)
-                for frame, which in _fitting(one.motion, table)
+                for frame, which in _fitting(one.motion, part)
             }
             pivot = scale.raw_pixels(one.motion.pivot_px + centre_px)
             width = one.motion.width_px * scale.factor
@@ -142,14 +142,20 @@ def _fitting(motion: Motion, table: PairTable) -> list[tuple[int, int]]:
     return [(int(table.at[row]), int(table.which[row])) for row in top[good]]
 
 
-def _other_widths(thing: Turning, table: PairTable) -> list[Turning]:
-    """Return the same thing at other widths that about as many frames show."""
-    away, width, _ = at_pivot(table, thing.motion.pivot_px, 0.0)
+def _widths(thing: Turning, table: PairTable) -> list[tuple[Turning, PairTable]]:
+    """Return a thing at every width that about as many frames show, and the pairs that may be it.
+
+    Of a short piece the width at the pivot is extrapolated: it is another one only where that
+    cannot be why it differs.
+    """
+    away, width, sigma = at_pivot(table, thing.motion.pivot_px, 0.0)
     frames = len(np.unique(table.at))
     rest = np.abs(away) < SAME_PIVOT_SPREADS * thing.motion.spread_px
-    known, found = [thing.motion.width_px], []
-    while len(known) < MOST_WIDTHS:
-        rest = rest & (np.abs(width / known[-1] - 1) > OTHER_WIDTH)
+    found = [(thing, table)]
+    while len(found) < MOST_WIDTHS:
+        known = found[-1][0].motion.width_px
+        apart = np.maximum(OTHER_WIDTH * known, FITTING_SPREADS * sigma)
+        rest = rest & (np.abs(width - known) > apart)
         part = table.rows(rest)
         motion = hinted_motion(part, thing.motion.pivot_px, None)
         if motion is None or motion.frames < max(3.0, SERIOUS_SHARE * frames):
@@ -158,6 +164,5 @@ def _other_widths(thing: Turning, table: PairTable) -> list[Turning]:
         support = float(fits[part.best_per_frame(fits)].sum())
         if support < LEAST_SUPPORT * thing.support_px:
             break
-        found.append(Turning(motion, support))
-        known.append(motion.width_px)
+        found.append((Turning(motion, support), part))
     return found
