@@ -73,6 +73,19 @@ def test_a_wide_thing_of_one_camera_alone_is_no_rival():
     assert found.shaft.chosen == (shaft[0], shaft[1])
 
 
+@pytest.mark.parametrize("diameter_mm", [8.5, 12.5])
+def test_what_shows_hardly_any_edge_is_no_rival(diameter_mm):
+    shaft = seen(PIVOT, 10.0, thing=0, seed=1)
+    seen_in_full, ghost = (
+        seen(ROD_PIVOT, diameter_mm, thing=1, seed=2, support=support) for support in (500.0, 50.0)
+    )
+    assert concurrence(together(shaft, seen_in_full), POSES, RIG).doubt is not None
+    found = concurrence(together(shaft, ghost), POSES, RIG)
+    assert found.shaft is not None
+    assert found.shaft.chosen == (shaft[0], shaft[1])
+    assert found.doubt is None
+
+
 def test_a_stripe_in_one_camera_is_not_taken_with_the_silhouette_in_the_other():
     shaft, stripe = seen(PIVOT, 10.0, thing=0, seed=1), seen(PIVOT, 7.0, thing=0, seed=1)
     # The stripe is what each camera alone sees best; in the first it is all that is well seen.

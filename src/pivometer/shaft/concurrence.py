@@ -49,6 +49,10 @@ WELL = 0.4
 """Of one thing's pairs of edges the widest with this part of the best one's score is its
 silhouette. In drawn scenes: lanes of brushed metal under clutter 1 to 0.5, a collar 0.18."""
 
+LEAST_RIVAL = 0.1
+"""What shows less of its edges than this part of what the longest thing shows is no rod that may be
+the shaft, but edges of clutter and collars that agree by chance."""
+
 MOST_UNEXPLAINED = 0.5
 """In few poses another pair of edges half as long as the shaft's may be the shaft instead."""
 
@@ -219,7 +223,9 @@ def _fitting(
 
 def _widest(agreeing: Sequence[Together], rig: Rig) -> Concurrence:
     """Take the widest thing, unless another is about as wide."""
-    distinct = _distinct(_silhouettes(agreeing), lambda one: one.score)
+    least = LEAST_RIVAL * max(one.support for one in agreeing)
+    long = [one for one in agreeing if one.support >= least]
+    distinct = _distinct(_silhouettes(long), lambda one: one.score)
     distinct.sort(key=lambda one: -one.diameter_mm)
     if len(distinct) == 1:
         return Concurrence(distinct[0], None)
