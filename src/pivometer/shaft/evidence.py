@@ -26,7 +26,8 @@ RESPONSE_PX = 0.02
 
 BENT_SIGMAS = 4.0
 BENT_PX = 0.1
-"""A bend is named where it is significant and larger than what shading alone has moved rows by."""
+"""A bend is named where both edges' bows together are significant and each is half as much so, and
+larger than what shading alone has moved rows by."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,9 +144,10 @@ def _warnings(fitted: FittedEdges, curvature: Floats, sigma: Floats) -> tuple[st
             f"blurred: the edges are {fitted.parameters[4]:.1f} px wide (standard deviation); "
             "focus on the shaft or expose for less long"
         )
-    bent = (np.abs(curvature) > BENT_SIGMAS * sigma) & (np.abs(curvature) > BENT_PX)
+    each = np.abs(curvature) > np.maximum(BENT_SIGMAS / 2 * sigma, BENT_PX)
+    together = np.abs(curvature[1] - curvature[0]) > BENT_SIGMAS * np.hypot(*sigma)
     # A bent shaft bends both edges the same way; outward is opposite for the two.
-    if bent.all() and curvature[0] * curvature[1] < 0:
+    if each.all() and together and curvature[0] * curvature[1] < 0:
         found.append(
             f"bent: both edges bow by {np.abs(curvature).mean():.2f} px over their length; the "
             "shaft is not straight, or the lens is not as calibrated"
