@@ -1,11 +1,14 @@
 """The shading of a whole width, against profiles summed over a fine grid."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from pivometer.shaft import glossy
 from pivometer.shaft.glossy import LEVELS, Profile, fit_glossy
+from pivometer.shaft.rim import rim
 from pivometer.shaft.rungs import Blur
 
 STEP_PX, BIN_PX = 0.01, 0.25
@@ -101,6 +104,26 @@ def test_errors_are_as_stated(shading):
         scores.append(contrast @ (found.parameters - TRUTH) / sigma)
     # An rms of 16 has a relative standard deviation of 1/√32; three are 1.53.
     assert np.sqrt(np.mean(np.square(scores))) < 1.53
+
+
+def test_what_a_mirroring_rim_moves_is_told():
+    plain, share = diffuse_and_one_highlight, 0.05
+    levels = plain(np.pi / 2), plain(-np.pi / 2)
+
+    def mirroring(angle):
+        return plain(angle) + share * rim(angle, (20.0, 20.0), levels)
+
+    profiles = [profile_of(f, 0.0, np.random.default_rng(0)) for f in (plain, mirroring)]
+    root = np.sqrt(profiles[0].count) / 2
+    model = glossy._Model(profiles[0], Blur(), root, glossy._angles(90), 5 * glossy._rough(90))
+    start = np.array([*TRUTH, 0.9, np.log(0.3 / np.sqrt(2)), 0.0])
+    still = model.followed(model.started(start), 30)
+    other = replace(model, profile=profiles[1])
+    moved = other.followed(other.started(still.parameters), 30)
+    told = model.moved_by_rim(still)
+    assert np.abs(told[[0, 2]]).min() > 0.02
+    difference = (moved.parameters - still.parameters)[:5] / share
+    np.testing.assert_allclose(difference, told[:5], atol=0.1 * np.abs(told[:5]).max())
 
 
 def test_no_pixel_is_no_fit():

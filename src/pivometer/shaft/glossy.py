@@ -21,6 +21,7 @@ import numpy as np
 
 from pivometer._arrays import Floats
 from pivometer.shaft.profile import normal_cdf
+from pivometer.shaft.rim import rim
 from pivometer.shaft.rungs import Blur
 from pivometer.shaft.samples import Indices
 
@@ -103,7 +104,8 @@ class Glossy:
     Parameters
     ----------
     parameters, covariance
-        Offset and tilt of both edges and the blur, undistorted px, shapes (5,) and (5, 5).
+        Offset and tilt of both edges and the blur, undistorted px, shapes (5,) and (5, 5). What a
+        rim that mirrors its surroundings may move is in the covariance: both edges alike.
     misfit
         By how many standard deviations the sum of squares exceeds that of noise.
     """
@@ -395,6 +397,22 @@ class _Model:
         ends = (self.followed(trial, ITERATIONS) for trial in hopeful)
         return next((end for end in ends if end.done), None)
 
+    def moved_by_rim(self, found: _Found) -> Floats:
+        """Return how far the parameters are off if the rim mirrors as is likely, shape (8,)."""
+        parameters, levels, parts = found.parameters, found.system.levels, len(self.root)
+        seen, lobe = self.seen(parameters), self.highlight(parameters)
+        outside = self.outside(seen, float(parameters[4]))
+        terms = self.terms(seen, outside.values, lobe.values)
+        jacobian = self.jacobian(parameters, seen, outside, lobe, levels)
+        own = levels[: LEVELS * parts].reshape(parts, LEVELS).mean(axis=0)
+        shading = own[4] + own[5] * np.sin(self.angles) + own[6] * np.cos(self.angles)
+        shading += own[7] * lobe.values.mean(axis=0) + self.rough @ levels[LEVELS * parts :]
+        gain = rim(self.angles, (own[0], own[2]), (shading[-1], shading[0]))
+        left = (seen.kernels @ gain).ravel()
+        free = np.linalg.solve(terms.T @ terms + np.diag(self.precision()[0]), terms.T @ left)
+        gradient = jacobian.T @ (left - terms @ free)
+        return np.asarray(np.linalg.solve(found.system.information, gradient))
+
     def misfit(self, cost: float) -> float:
         """Return by how many standard deviations a sum of squares exceeds noise."""
         return (cost - self.freedom) / float(np.sqrt(2 * self.freedom))
@@ -434,6 +452,8 @@ def fit_glossy(profile: Profile, noise: float, blur: Blur, blur_px: float) -> Gl
         best = again if again.done else best
     covariance = np.asarray(np.linalg.inv(best.system.information)[:5, :5], dtype=np.float64)
     covariance *= max(1.0, best.system.cost / model.freedom)
+    moved = model.moved_by_rim(best)[:5]
+    covariance += np.outer(moved, moved)
     return Glossy(best.parameters[:5], covariance, model.misfit(best.system.cost))
 
 

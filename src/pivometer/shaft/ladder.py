@@ -72,13 +72,12 @@ SYSTEMATIC_PX = 0.01
 cameras) edges were 0.010 px off, and alike in all windows, which no spread between them tells."""
 
 WHOLE_SYSTEMATIC_PX = 0.015
-WIDTH_SYSTEMATIC_PX = 0.03
 LARGEST_WHOLE_MISFIT = 5.0
 WINDOWS_TIMES = 2.0
-"""Added to each edge and to both alike where the shading of the whole width is fitted, so that
-held-out highlights are 1.1 stated sigmas off: what brightens both edges in the last degrees moves
-them alike. The part of its misfit that a terminator causes is up to 4. It counts while its centre
-is at most twice as uncertain as the windows say: in 4 of 60 scenes they were 2 to 4 sigmas off."""
+"""Added to each edge where the shading of the whole width is fitted, so that held-out highlights
+are 1.1 stated sigmas off. The part of its misfit that a terminator causes is up to 4. It counts
+while its centre is at most twice as uncertain as the windows say: in 4 of 60 scenes they were 2 to
+4 sigmas off."""
 
 LEAST_HALF_PX = 3.75
 """Half the shaft's width: narrower rungs than `REFERENCE` alone do not tell a limb."""
@@ -294,7 +293,6 @@ def _of_whole_width(
         return None
     covariance = whole.covariance.copy()
     covariance[range(4), range(4)] += WHOLE_SYSTEMATIC_PX**2
-    covariance[:4:2, :4:2] += WIDTH_SYSTEMATIC_PX**2
     if _centre_variance(covariance) > WINDOWS_TIMES**2 * _centre_variance(fitted.covariance):
         return None
     return replace(
