@@ -210,7 +210,7 @@ def test_what_stands_behind_the_shaft_is_found_out_once_and_only_where_needed(
     assert len(asked) == 1
     monkeypatch.setattr(shafts, "backdrop_of", lambda *_: None)
     untold = edges_of(other)
-    assert told.keys() == untold.keys()
+    assert told.keys() > untold.keys()  # where lanes may be the edges, nothing but that tells
     widths = [np.array([e.width_px for e in edges.values()]) for edges in (told, untold)]
     spread = [np.median(np.abs(w - np.median(w))) for w in widths]
     assert spread[0] < spread[1] / 2, spread
