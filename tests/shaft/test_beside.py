@@ -1,9 +1,8 @@
 """Edges that are none: what stands behind the shaft does not show beside them."""
 
-import cv2
 import numpy as np
 import pytest
-from tests.shaft.test_edges import FACTOR, NOISE, camera_of, clutter, render
+from tests.shaft.rendering import NOISE, camera_of, clutter, pictured, render
 
 from pivometer.errors import ShaftNotFoundError
 from pivometer.shaft.beside import shown_part
@@ -48,8 +47,7 @@ def test_a_step_on_the_shaft_is_not_taken_for_its_edge_before_a_known_background
     texture = clutter(camera, rng)
     scene = render(camera, outside=texture, inside=85.0, taper=0.0)
     core = render(camera, width_px=20.0, taper=0.0, inside=60.0, outside=0.0)
-    blurred = cv2.GaussianBlur(texture, (0, 0), scene.psf_px * FACTOR)
-    empty = blurred.reshape(camera.height, FACTOR, camera.width, FACTOR).mean(axis=(1, 3))
+    empty = pictured(texture, scene)
     image = scene.with_noise(NOISE, rng) - core.clean
     assert fit_edges(image, camera, ShaftSeed(core.seed_px)).width_px == pytest.approx(20, abs=0.5)
     with pytest.raises(ShaftNotFoundError, match="does not show"):

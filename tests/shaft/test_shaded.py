@@ -1,7 +1,7 @@
 """The guarded fit, which answers where no other holds."""
 
 import numpy as np
-from tests.shaft.test_edges import NOISE, camera_of, clutter, render
+from tests.shaft.rendering import NOISE, camera_of, clutter, render
 
 from pivometer.errors import ShaftNotFoundError
 from pivometer.shaft.detection import ShaftSeed

@@ -48,10 +48,8 @@ def shown_part(samples: Samples, widen: float, noise: float) -> float:
     if behind is None or not count.any():
         return float("nan")
     levels = hats(x, np.linspace(near, far, round((far - near) / (KNOT_PX * widen)) + 1))
-    weighted = levels * count[:, None]
-    gram = weighted @ np.swapaxes(levels, -1, -2) + 1e-9 * np.eye(levels.shape[1])
     both = np.stack([behind.grey, samples.grey], axis=-1)
-    left = both - np.swapaxes(levels, -1, -2) @ np.linalg.solve(gram, weighted @ both)
+    left = both - np.swapaxes(levels, -1, -2) @ best_levels(levels, count, both)
     changes = (count * left[..., 0] ** 2).sum(axis=-1)
     tells = changes > (noise / LARGEST_SIGMA) ** 2
     if tells.sum() < LEAST_CHUNKS:
@@ -64,3 +62,10 @@ def hats(x_px: Floats, knots_px: Floats) -> Floats:
     """Return 1 at each knot, falling to 0 at the next ones, shape (chunks, knots, p)."""
     hats: Floats = 1 - np.abs(x_px[:, None] - knots_px[:, None]) / (knots_px[1] - knots_px[0])
     return np.maximum(hats, 0.0)
+
+
+def best_levels(terms: Floats, count: Floats, values: Floats) -> Floats:
+    """Return what of each term is nearest to values (chunks, p, n), shape (chunks, terms, n)."""
+    weighted = terms * count[:, None]
+    gram = weighted @ np.swapaxes(terms, -1, -2) + 1e-9 * np.eye(terms.shape[1])
+    return np.asarray(np.linalg.solve(gram, weighted @ values), dtype=np.float64)

@@ -143,18 +143,12 @@ def fit_edges(
     refuse_width(camera, width, width)
     upright = is_upright(np.stack([[line.start_px, line.end_px] for line in first]))
     turned = pixels if upright else pixels.T
-    maps = tuple(
+    one, other = (
         band_map(camera, line, turned.shape, upright=upright, reach_px=REACH_PX) for line in first
     )
-    step = max(1, len(maps[0].rows) // SEARCH_ROWS)
-    start = found_lines(turned, (maps[0].every(step), maps[1].every(step)), first)
-    fitted = fit_plain(turned, (maps[0], maps[1]), start)
-    if fitted is None and width_px(start) < THIN_PX:
-        fitted = fit_thin(turned, (maps[0], maps[1]), start)
-        if fitted is not None:
-            fitted = _unless_defocused(turned, (maps[0], maps[1]), start, fitted)
-    if fitted is None:
-        fitted = fit_banded(turned, (maps[0], maps[1]), start)
+    maps, step = (one, other), max(1, len(one.rows) // SEARCH_ROWS)
+    start = found_lines(turned, (one.every(step), other.every(step)), first)
+    fitted = _fit_simple(turned, maps, start)
     if fitted is None:
         empty = None if background is None else _pixels(background, camera)
 
@@ -163,7 +157,7 @@ def fit_edges(
             return seen if seen is None or upright else seen.T
 
         clean = empty is None
-        fitted = _fit_round(pixels, turned, camera, (maps[0], maps[1]), start, told, clean=clean)
+        fitted = _fit_round(pixels, turned, camera, maps, start, told, clean=clean)
     refuse_fit(camera, fitted, first)
     found = shaft_edges(camera, fitted)
     if not mosaic:
@@ -184,6 +178,19 @@ def _behind(
         seen = None if seen is None else luminance(seen).astype(np.float64)
         empty = None if empty is None else evened_beside(empty, mosaic.edges_px)
     return seen if empty is None else filled(seen, empty)
+
+
+def _fit_simple(
+    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], start: tuple[EdgeLine, EdgeLine]
+) -> FittedEdges | None:
+    """Return the edges of a shaft of flat or banded grey levels, or None if it has others."""
+    fitted = fit_plain(turned, maps, start)
+    if fitted is not None:
+        return fitted
+    fitted = fit_thin(turned, maps, start) if width_px(start) < THIN_PX else None
+    if fitted is not None:
+        return _unless_defocused(turned, maps, start, fitted)
+    return fit_banded(turned, maps, start)
 
 
 def _fit_round(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pivometer._arrays import Floats
 from pivometer.shaft.band_map import BandMap
 from pivometer.shaft.bands import width_px
-from pivometer.shaft.beside import hats, shown_part
+from pivometer.shaft.beside import best_levels, hats, shown_part
 from pivometer.shaft.fitted import FittedEdges
 from pivometer.shaft.ladder import inflation, known_behind
 from pivometer.shaft.rungs import OUT, Blur, Rest, Rung, eliminated, terms_of
@@ -185,9 +185,7 @@ def _changes(behind: Behind, x: Floats, count: Floats) -> Behind:
     pass for the edge: at a mean of 120 levels for more of it than changes of 2 levels tell.
     """
     basis = np.stack([np.ones_like(x), x, x * x], axis=1)
-    weighted = basis * count[:, None]
-    gram = weighted @ np.swapaxes(basis, -1, -2) + 1e-9 * np.eye(3)
-    levels = np.linalg.solve(gram, weighted @ behind.grey[..., None])[..., 0]
+    levels = best_levels(basis, count, behind.grey[..., None])[..., 0]
     ramp = levels[:, 1:2] + 2 * levels[:, 2:] * x
     return Behind(behind.grey - (levels[:, None] @ basis)[:, 0], behind.slope - ramp)
 
