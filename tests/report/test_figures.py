@@ -73,7 +73,7 @@ def test_exact_lines_can_be_drawn(make_measurement):
 
 def test_labels_cover_neither_dots_nor_each_other():
     labels = Labels(np.zeros((3, 2)))
-    corners = [labels.place(0.0, 0.0, "12") for _ in range(6)]
+    corners = [labels.place(0.0, 0.0, "12", gap=5.0) for _ in range(6)]
     placed = [corner for corner in corners if corner is not None]
     assert len(placed) == len(set(placed)) == 4
 
@@ -187,3 +187,15 @@ def test_coverage_pictures_show_the_corners_of_every_camera(measurement):
         assert svg.startswith("<svg")
         assert "board corners in the image" in svg
         assert f"Camera {camera.name}: all " in caption
+
+
+def test_the_name_of_a_circle_covers_no_dot():
+    radius, turn = 100.0, np.radians(-135)
+    dot = (radius + 12) * np.array([[np.cos(turn), np.sin(turn)]])
+    free = Labels(np.empty((0, 2))).place_outside(radius, -135, "rms 1.771")
+    moved = Labels(dot).place_outside(radius, -135, "rms 1.771")
+    assert free != moved
+    for x, y in (free, moved):
+        right = x + 7.6 * len("rms 1.771")
+        assert np.hypot(right, y) == pytest.approx(radius)
+    assert not (x - 4 < dot[0, 0] < right + 4 and y - 14 < dot[0, 1] < y + 5)

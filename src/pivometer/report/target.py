@@ -108,13 +108,14 @@ def target_plot(measurement: Measurement, numbers: Sequence[int]) -> Markup:
     scale = _RADIUS / max(rcm.minimax.max_mm, SMALLEST_MM)
     view = mean_shaft_view(measurement)
     places = target_offsets_mm(measurement, view) * scale
+    labels = Labels(places)
     return picture(
         tag(
             "g",
             *_axes(scale, view.names()),
-            *_circles(measurement, scale),
+            *_circles(measurement, scale, labels),
             *_least_squares(measurement, view, scale),
-            *_dots(measurement, places, numbers),
+            *_dots(measurement, places, numbers, labels),
             tag("path", d="M-9,0H9M0,-9V9", class_="rcm"),
             transform=f"translate({number(_SIZE / 2)},{number(_SIZE / 2)})",
         ),
@@ -152,18 +153,16 @@ def _axes(scale: float, names: tuple[str, str]) -> list[Markup]:
     return parts
 
 
-def _circles(measurement: Measurement, scale: float) -> list[Markup]:
+def _circles(measurement: Measurement, scale: float, labels: "Labels") -> list[Markup]:
     minimax = measurement.rcm.minimax
     decimals = error_decimals([minimax.max_mm, minimax.rms_mm])
     parts = []
     for name, radius_mm, turn_deg in (("max", minimax.max_mm, -45), ("rms", minimax.rms_mm, -135)):
-        radius, turn = radius_mm * scale, math.radians(turn_deg)
-        x, y = (radius + 6) * math.cos(turn), (radius + 6) * math.sin(turn)
-        anchor = "start" if x > 0 else "end"
-        text = f"{name} {fixed(radius_mm, decimals)}"
+        radius, text = radius_mm * scale, f"{name} {fixed(radius_mm, decimals)}"
+        x, y = labels.place_outside(radius + 6, turn_deg, text)
         parts += [
             tag("circle", r=radius, class_=f"ring {name}"),
-            tag("text", text, x=x, y=y, text_anchor=anchor, class_="ring-name"),
+            tag("text", text, x=x, y=y, class_="ring-name"),
         ]
     return parts
 
@@ -184,41 +183,59 @@ def _least_squares(measurement: Measurement, view: ShaftView, scale: float) -> l
     return parts
 
 
-def _dots(measurement: Measurement, places: Floats, numbers: Sequence[int]) -> list[Markup]:
+def _dots(
+    measurement: Measurement, places: Floats, numbers: Sequence[int], labels: "Labels"
+) -> list[Markup]:
     """Draw the dots, the worst as triangles, numbered as far as the numbers do not collide."""
     used, parts = measurement.used, []
     worst = deciding_poses(measurement)
-    labels = Labels(places)
     order = np.argsort([-pose.distance_mm.minimax for pose in used], kind="stable")
     for index in order:
         pose, (x, y) = used[index], places[index]
         title = tag("title", f"{pose.pose}: {pose.distance_mm.minimax:.4g} mm")
+        gap = 5.0
         if pose.pose in worst:
+            gap = 8.0
             d = f"M{x:.1f},{y - 6:.1f}l5.5,9.5h-11z"
             parts.append(tag("path", title, d=d, class_="dot worst"))
         else:
             parts.append(tag("circle", title, cx=x, cy=y, r=3.0, class_="dot"))
-        corner = labels.place(float(x), float(y), text := str(numbers[index]))
+        corner = labels.place(float(x), float(y), text := str(numbers[index]), gap)
         if corner is not None:
             parts.append(tag("text", text, x=corner[0], y=corner[1], class_="dot-number"))
     return parts
 
 
 class Labels:
-    """Places numbers beside dots so that no number covers a dot or another number."""
+    """Places texts so that none covers a dot or another text."""
 
     def __init__(self, places: Floats) -> None:
         self._boxes = [(x - 4, y - 4, x + 4, y + 4) for x, y in places.tolist()]
 
-    def place(self, x: float, y: float, text: str) -> tuple[float, float] | None:
-        """Return the lower left corner for `text` near (x, y), or `None` where there is no room."""
-        width, height = 5.6 * len(text), 8.0
-        for dx, dy in ((5.0, 3.0), (-5.0 - width, 3.0), (-width / 2, -6.0), (-width / 2, 13.0)):
-            box = (x + dx, y + dy - height, x + dx + width, y + dy)
-            if not any(_overlap(box, other) for other in self._boxes):
+    def place(self, x: float, y: float, text: str, gap: float) -> tuple[float, float] | None:
+        """Return where `text` begins beside the dot at (x, y), or `None` where there is no room."""
+        width = 5.6 * len(text)
+        for dx, dy in ((gap, 3.0), (-gap - width, 3.0), (-width / 2, -1 - gap), (-width / 2, 13.0)):
+            if self._is_free(box := (x + dx, y + dy - 8, x + dx + width, y + dy)):
                 self._boxes.append(box)
                 return x + dx, y + dy
         return None
+
+    def place_outside(self, radius: float, turn_deg: float, text: str) -> tuple[float, float]:
+        """Return where `text` begins outside a circle: the free place nearest to a turn."""
+        width = 7.6 * len(text)
+        corners = []
+        for shift_deg in sorted(range(-40, 45, 5), key=abs):
+            turn = math.radians(turn_deg + shift_deg)
+            x, y = radius * math.cos(turn), radius * math.sin(turn)
+            corners.append((x if x > 0 else x - width, y))
+        boxes = [(x, y - 10, x + width, y + 1) for x, y in corners]
+        chosen = next((i for i, box in enumerate(boxes) if self._is_free(box)), 0)
+        self._boxes.append(boxes[chosen])
+        return corners[chosen]
+
+    def _is_free(self, box: tuple[float, ...]) -> bool:
+        return not any(_overlap(box, other) for other in self._boxes)
 
 
 def _overlap(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
