@@ -352,10 +352,10 @@ def _triangulated(
             return RejectedPose(pose, f"camera {name} has no image of this pose", step, edges)
         where = f" ({fault.path.name})" if fault.path else ""
         return RejectedPose(pose, f"camera {name}{where}: {fault.what}", fault.next_step, edges)
-    doubtful = [reason for reason in map(uncertain_end, edges) if reason is not None]
-    if doubtful:
-        step = "put a background behind the shaft that differs from it in brightness"
-        return RejectedPose(pose, doubtful[0], step, edges)
+    for one in edges:
+        if (doubt := uncertain_end(one)) is not None:
+            step = "put a background behind the shaft that differs from it in brightness"
+            return RejectedPose(pose, f"camera {one.camera}: {doubt}", step, edges)
     try:
         centerline = triangulate_centerline(
             np.stack([found.normals for found in edges]),

@@ -140,7 +140,7 @@ def fit_edges(
     pixels = evened_beside(raw, seed.edges_px) if mosaic else raw
     first = edge_lines(seed.edges_px, camera)
     width = width_px(first)
-    refuse_width(camera, width, width)
+    refuse_width(width, width)
     upright = is_upright(np.stack([[line.start_px, line.end_px] for line in first]))
     turned = pixels if upright else pixels.T
     one, other = (
@@ -158,7 +158,7 @@ def fit_edges(
 
         clean = empty is None
         fitted = _fit_round(pixels, turned, camera, maps, start, told, clean=clean)
-    refuse_fit(camera, fitted, first)
+    refuse_fit(fitted, first)
     found = shaft_edges(camera, fitted)
     if not mosaic:
         return found

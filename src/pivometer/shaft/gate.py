@@ -102,6 +102,6 @@ def uncertain_end(edges: ShaftEdges) -> str | None:
     if end <= limit:
         return None
     return (
-        f"camera {edges.camera}: an edge is known to {end:.2f} px only at its ends (at most "
+        f"an edge is known to {end:.2f} px only at its ends (at most "
         f"{limit:.2f} px), with a contrast of {edges.contrast.min():.0f} grey levels"
     )

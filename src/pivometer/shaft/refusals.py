@@ -1,4 +1,7 @@
-"""When a fit does not show the two edges of the seed."""
+"""When a fit does not show the two edges of the seed.
+
+A reason does not name the camera: whoever hears it knows whose image it was.
+"""
 
 from __future__ import annotations
 
@@ -42,35 +45,35 @@ def extrapolates(fitted: FittedEdges) -> bool:
     return bool(fitted.overshoot.max() > LARGEST_OVERSHOOT)
 
 
-def refuse_fit(camera: Camera, fitted: FittedEdges, seed: tuple[EdgeLine, EdgeLine]) -> None:
+def refuse_fit(fitted: FittedEdges, seed: tuple[EdgeLine, EdgeLine]) -> None:
     """Raise `ShaftNotFoundError` where the fit does not show the two edges of the seed."""
     lines = fitted.lines
     if strays(fitted):
         raise ShaftNotFoundError(
-            f"camera {camera.name}: no model of grey levels fits the edges that are seen; the last "
+            "no model of grey levels fits the edges that are seen; the last "
             f"one tried left them by over {FARTHEST_PX:.0f} px",
             next_step="look at the picture: what is beside the shaft, or shines on it?",
         )
     if extrapolates(fitted):
         raise ShaftNotFoundError(
-            f"camera {camera.name}: the step at an edge would be {fitted.overshoot.max():.1f} "
+            f"the step at an edge would be {fitted.overshoot.max():.1f} "
             "times the range of grey levels seen there, so a highlight passes for it",
             next_step="soften the light, or put a background behind the shaft that differs from it",
         )
     if (fitted.shown_part < LEAST_SHOWN).any():
         raise ShaftNotFoundError(
-            f"camera {camera.name}: beside an edge that was found, what stands behind the shaft "
+            "beside an edge that was found, what stands behind the shaft "
             "does not show, so it is not the shaft's edge, or something hides it",
             next_step="soften the light, or put a background behind the shaft that differs from it",
         )
-    refuse_width(camera, width_px(lines), width_px(seed))
+    refuse_width(width_px(lines), width_px(seed))
     gaps = [
         float(abs((lines[0].at(np.array(lever)) - lines[1].middle_px) @ lines[1].outward))
         for lever in (-1.0, 1.0)
     ]
     if min(gaps) < (1 - LARGEST_TAPER) * max(gaps):
         raise ShaftNotFoundError(
-            f"camera {camera.name}: the edges found are {gaps[0]:.1f} px apart at one end and "
+            f"the edges found are {gaps[0]:.1f} px apart at one end and "
             f"{gaps[1]:.1f} px at the other, not nearly parallel",
             next_step="look at the overlay and give a hint for this pose",
         )
@@ -79,14 +82,14 @@ def refuse_fit(camera: Camera, fitted: FittedEdges, seed: tuple[EdgeLine, EdgeLi
         count, total = int(fitted.accepted[edge].sum()), int(fitted.counted[edge].sum())
         if count < max(LEAST_ROWS, LEAST_ROW_PART * total):
             raise ShaftNotFoundError(
-                f"camera {camera.name}: only {count} of {total} rows show the {name} edge of the "
+                f"only {count} of {total} rows show the {name} edge of the "
                 "shaft as one straight line",
                 next_step="look for what hides the shaft or crosses it, or shorten the region",
             )
         contrast = fitted.contrast[edge]
         if contrast < LEAST_CONTRAST_NOISES * noise or sigma[edge] > LARGEST_SIGMA_PX:
             raise ShaftNotFoundError(
-                f"camera {camera.name}: the {name} edge has a contrast of {contrast:.1f} grey "
+                f"the {name} edge has a contrast of {contrast:.1f} grey "
                 f"levels at a noise of {noise:.1f} and is known to {sigma[edge]:.2f} px only",
                 next_step="put a background behind the shaft that differs from it in brightness",
             )
@@ -102,18 +105,18 @@ def refuse_outside(camera: Camera, seed: ShaftSeed) -> None:
         length = float(inside.mean() * np.hypot(*(end - start)))
         if length < LEAST_ROWS:
             raise ShaftNotFoundError(
-                f"camera {camera.name}: only {length:.0f} px of an edge of the seed lie inside the "
+                f"only {length:.0f} px of an edge of the seed lie inside the "
                 f"image, outside of which nothing is seen; {LEAST_ROWS} px are needed",
                 next_step="check the hint or the region of this pose",
             )
 
 
-def refuse_width(camera: Camera, width_px: float, seed_px: float) -> None:
+def refuse_width(width_px: float, seed_px: float) -> None:
     """Raise `ShaftNotFoundError` where the edges are not as far apart as the seed's."""
     allowed = SEED_WIDTH_PX + SEED_WIDTH_PART * seed_px
     if width_px < LEAST_WIDTH_PX or abs(width_px - seed_px) > allowed:
         raise ShaftNotFoundError(
-            f"camera {camera.name}: the edges found are {width_px:.1f} px apart, where the seed "
+            f"the edges found are {width_px:.1f} px apart, where the seed "
             f"has {seed_px:.1f} px and at least {LEAST_WIDTH_PX:.0f} px are needed",
             next_step="look at the overlay; move the camera closer if the shaft is this thin",
         )
