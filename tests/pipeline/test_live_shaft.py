@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -107,3 +109,26 @@ def test_measuring_honours_the_log_of_exclusions(known: tuple[Path, Rig]) -> Non
     assert measured.rejected[0].edges
     back = pipeline.exclude(session, "shaft/002", None)
     assert not pipeline.measure(back, rig=imported).rejected
+
+
+def test_live_edges_are_those_of_a_measurement_with_an_empty_frame(
+    known: tuple[Path, Rig], tmp_path: Path
+) -> None:
+    folder, rig = known
+    copy = tmp_path / "session"
+    shutil.copytree(folder, copy)
+    for name, file in pipeline.load(copy).shaft["000"].items():
+        shown = read_image(file.path)
+        (copy / "background" / name).mkdir(parents=True)
+        # What stands behind this shaft is plain.
+        empty = np.full_like(shown, np.median(shown))
+        cv2.imwrite(str(copy / "background" / name / "000.png"), empty)
+    session, cameras = pipeline.load(copy), ImportedRig(rig, "truth", {})
+    live = LiveShaft(cameras)
+    live.follow(session)
+    measured = pipeline.measure(session, rig=cameras)
+    seen = live.measured(session)
+    np.testing.assert_array_equal(
+        seen.rcm.least_squares.point_mm, measured.rcm.least_squares.point_mm
+    )
+    assert [pose.pose for pose in seen.used] == [pose.pose for pose in measured.used]

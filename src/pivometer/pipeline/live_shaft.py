@@ -2,13 +2,15 @@
 
 The pictures on the disk tell how the shaft moves, and the cameras choose it together as `measure`
 lets them; a live picture is then searched alone. Poses that were taken are fitted as `measure` fits
-them, and again if more poses tell that the shaft is another rod.
+them, with what the poses so far tell of the scenery, and again if more poses tell that the shaft is
+another rod.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -22,7 +24,7 @@ from pivometer.io.session import ImageFile, Session
 from pivometer.measurement import ImportedRig, Measurement
 from pivometer.pipeline.measuring import measure_edges
 from pivometer.pipeline.reading import ReadImage, read
-from pivometer.pipeline.shafts import SHAFT_ADVICE
+from pivometer.pipeline.shafts import SHAFT_ADVICE, Backdrop, empty_frame
 from pivometer.shaft.background import sampled
 from pivometer.shaft.concurrence import agreed_finders
 from pivometer.shaft.detection import (
@@ -30,6 +32,7 @@ from pivometer.shaft.detection import (
     MOST_SAMPLES,
     SeedRejection,
     ShaftFinder,
+    ShaftSeed,
     learn_shaft,
 )
 from pivometer.shaft.edges import ShaftEdges, edge_normals, fit_edges
@@ -66,6 +69,20 @@ class LivePose:
     direction: Floats | None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Learned:
+    """What some poses told of one camera: how the shaft moves, and the empty scene if it is known.
+
+    `samples` are pictures of some poses and their places among those looked at, `count` how many
+    poses there were.
+    """
+
+    finder: ShaftFinder
+    samples: Mapping[ImageFile, int]
+    count: int
+    empty: Image | None
+
+
 class LiveShaft:
     """What is known of the shaft so far.
 
@@ -78,8 +95,8 @@ class LiveShaft:
     def __init__(self, calibration: Calibration | ImportedRig) -> None:
         self.calibration = calibration
         self._finders: dict[str, ShaftFinder] = {}
-        self._learned: dict[str, tuple[ShaftFinder, dict[int, str]]] = {}
-        self._learned_from: dict[str, int] = {}
+        self._learned: dict[str, _Learned] = {}
+        self._backdrops: dict[str, Backdrop] = {}
         self._seen: dict[str, dict[str, ShaftEdges | DataError]] = {}
 
     @property
@@ -94,6 +111,7 @@ class LiveShaft:
         learned = [self._learn(session, camera, files[camera.name]) for camera in cameras]
         if any(learned):
             self._finders = self._agreed(session)
+            self._backdrops = {n: Backdrop(partial(self._shown, n)) for n in self._finders}
         self._seen = {
             camera.name: self._looked_at(
                 files[camera.name], camera, self._still_known(files[camera.name], camera, new)
@@ -147,37 +165,56 @@ class LiveShaft:
         """Learn how the shaft moves before a camera if its poses are many more than before."""
         hint = session.hints.get(camera.name)
         least = LEAST_FRAMES if hint is None else 1
-        if len(files) < max(least, RELEARN * self._learned_from.get(camera.name, 0)):
+        before = self._learned.get(camera.name)
+        if len(files) < max(least, RELEARN * before.count if before else 0):
             return False
         reads = [read(files[i]) for i in sampled(len(files), MOST_SAMPLES)]
         reads = [one for one in reads if one.size == (camera.width, camera.height)]
         if not reads:
             return False
-        finder = learn_shaft(map(_image, reads), hint=hint)
-        self._learned[camera.name] = finder, {i: one.stem for i, one in enumerate(reads)}
-        self._learned_from[camera.name] = len(files)
+        empty = before.empty if before else empty_frame(session, camera)[0]
+        finder = learn_shaft(map(_image, reads), background=empty, hint=hint)
+        samples = {one.file: i for i, one in enumerate(reads)}
+        self._learned[camera.name] = _Learned(finder, samples, len(files), empty)
         return True
+
+    def _shown(self, name: str) -> Iterator[tuple[Image, ShaftSeed | SeedRejection]]:
+        """Give the pictures that a camera's finder was learned from, and where the shaft is."""
+        for file, sample in self._learned[name].samples.items():
+            outcome = read(file).outcome
+            if isinstance(outcome, HashedImage):
+                yield outcome.image, self._finders[name].find(outcome.image, sample=sample)
 
     def _agreed(self, session: Session) -> dict[str, ShaftFinder]:
         """Return the cameras' finders: of what they choose together, as in `measure`."""
         rig = self.calibration.rig
-        own = {name: finder for name, (finder, _) in self._learned.items()}
+        own = {name: learned.finder for name, learned in self._learned.items()}
         names = [camera.name for camera in rig.cameras]
         if len(own) < len(names):
             return own
-        poses = [self._learned[name][1] for name in names]
+        samples = [self._learned[name].samples for name in names]
+        poses = [{i: file.stem for file, i in shown.items()} for shown in samples]
         finders = [own[name] for name in names]
         agreed = agreed_finders(finders, poses, rig, diameter_mm=session.diameter_mm)
         return dict(zip(names, agreed, strict=True))
 
     def _fitted(self, one: ReadImage, camera: Camera) -> ShaftEdges | DataError:
+        learned = self._learned[camera.name]
         try:
             if not isinstance(one.outcome, HashedImage):
                 return one.outcome
-            seed = self._finders[camera.name].find(one.outcome.image)
+            seed = self._finders[camera.name].find(
+                one.outcome.image, sample=learned.samples.get(one.file)
+            )
             if isinstance(seed, SeedRejection):
                 return ShaftNotFoundError(seed.reason, next_step=SHAFT_ADVICE)
-            return fit_edges(one.outcome.image, camera, seed)
+            return fit_edges(
+                one.outcome.image,
+                camera,
+                seed,
+                background=learned.empty,
+                backdrop=self._backdrops[camera.name],
+            )
         except DataError as error:
             return error.with_traceback(None)
 

@@ -6,7 +6,7 @@ on its own. So memory does not grow with the number of frames.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from threading import Lock
@@ -78,6 +78,32 @@ def camera_shafts(
     return _Look(session, camera, hint, progress).shafts()
 
 
+class Backdrop:
+    """What stands behind the shaft, as frames tell; found out when it is first asked for.
+
+    Parameters
+    ----------
+    frames
+        Gives frames of one camera, each with where the shaft is in it.
+    """
+
+    def __init__(
+        self, frames: Callable[[], Iterable[tuple[Image, ShaftSeed | SeedRejection]]]
+    ) -> None:
+        self._frames = frames
+        self._told: list[Floats | None] = []
+        self._telling = Lock()
+
+    def __call__(self) -> Floats | None:
+        """Return grey levels, shape of a frame, NaN where they are unknown; None of few frames."""
+        with self._telling:
+            if not self._told:
+                found = [(i, seed) for i, seed in self._frames() if isinstance(seed, ShaftSeed)]
+                images, edges = [i for i, _ in found], [seed.edges_px for _, seed in found]
+                self._told.append(backdrop_of(images, edges))
+            return self._told[0]
+
+
 class _Look:
     """One camera's frames: what some of them tell of the shaft, then its edges in all."""
 
@@ -91,12 +117,11 @@ class _Look:
         self.camera = camera
         self._files = list(session.shaft_images(camera.name))
         self._progress = progress
-        self._background, self._inputs = _background(session, camera)
+        self._background, self._inputs = empty_frame(session, camera)
         self.first = _FirstPass(self._files, camera, progress)
         self.finder = self.first.learned(self._background, hint)
         self._seeds: dict[str, ShaftSeed | SeedRejection] = {}
-        self._told: list[Floats | None] = []
-        self._telling = Lock()
+        self._backdrop = Backdrop(self._shown)
 
     def shafts(self) -> CameraShafts:
         """Find and fit the shaft in all frames."""
@@ -131,23 +156,12 @@ class _Look:
             self._seeds[view] = finder.find(image, sample=self.first.samples.get(view))
         return self._seeds[view]
 
-    def _backdrop(self) -> Floats | None:
-        """Return what the frames that are kept show behind the shaft; found out once."""
-        with self._telling:
-            if not self._told:
-                self._told.append(self._found_backdrop())
-            return self._told[0]
-
-    def _found_backdrop(self) -> Floats | None:
-        images, shafts = [], []
+    def _shown(self) -> Iterator[tuple[Image, ShaftSeed | SeedRejection]]:
+        """Give the frames that are kept, and where the shaft is in each."""
         for view in (view for view in self.first.samples if view in self.first.kept):
             outcome = self.first.kept[view].outcome
             if self.finder is not None and isinstance(outcome, HashedImage):
-                seed = self._seed(self.finder, view, outcome.image)
-                if isinstance(seed, ShaftSeed):
-                    images.append(outcome.image)
-                    shafts.append(seed.edges_px)
-        return backdrop_of(images, shafts)
+                yield outcome.image, self._seed(self.finder, view, outcome.image)
 
 
 class _FirstPass:
@@ -194,7 +208,7 @@ def _same(frame: ReadImage) -> ReadImage:
 _NO_SAMPLE = "none of the frames looked at first can be used, so what moves is unknown"
 
 
-def _background(session: Session, camera: Camera) -> tuple[Image | None, dict[str, str]]:
+def empty_frame(session: Session, camera: Camera) -> tuple[Image | None, dict[str, str]]:
     """Return the median of the empty frames, if there are any, and their hashes."""
     files = list(session.background_images(camera.name))
     reads = list(streamed(_same, [files[i] for i in sampled(len(files), MOST_EMPTY)], "", None))
