@@ -105,6 +105,19 @@ def test_few_points_an_edge_say_as_much_as_all(view, rig, rig_covariance, monkey
     np.testing.assert_allclose(u_few, u_every, rtol=1e-3)
 
 
+def test_lines_of_rigs_nearby_are_those_seen_anew(view, rig, rig_covariance):
+    groups = carried_edges.thinned_points(view(12, miss_mm=0.5), ["left", "right"])
+    carried = carried_edges.Carried.by(groups, rig, np.sqrt(rig_covariance.diagonal()))
+    delta = np.linalg.cholesky(rig_covariance) @ np.random.default_rng(3).standard_normal(18)
+    still, to_first_order = carried_edges.lines_of(groups, rig), carried.lines(delta)
+    seen_anew = carried_edges.lines_of(groups, rig.perturbed(delta))
+    for before, found, expected in zip(still, to_first_order, seen_anew, strict=True):
+        moved = np.abs(expected - before).max()
+        assert moved > 0
+        # What is left is of second order, as a part of a move that is itself a few thousandths.
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-2 * moved)
+
+
 def test_edges_may_have_different_numbers_of_points(view, rig, rig_covariance):
     edges = view(6)
     edges[2][1].points_px = edges[2][1].points_px[:, ::2]

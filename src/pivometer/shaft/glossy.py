@@ -55,7 +55,9 @@ converges counts."""
 
 HOPELESS_MISFIT = 10.0
 """A fit that promises no better is given up, at twice the misfit that counts at most: finding g's
-height took a tenth off it in 24 images."""
+height took a tenth off it in 24 images. So is a start from which two steps, as good as the first
+promises to be, would not lead there: on a white shaft in a bearing, where nearly all such fits end
+so, that is half of their time; of 300 drawn scenes with highlights it changed none."""
 
 LEVELS = 8
 """Of a part: outside a level and a ramp beside either edge, inside a, b, c and d."""
@@ -385,8 +387,10 @@ class _Model:
     def best(self, blur_px: float) -> _Found | None:
         """Return the best fit from all starts, or None where no fit converges."""
         trials: list[_Found] = []
-        for start in self.starts(blur_px):
-            trial = self.followed(self.started(start), TRIAL_STEPS)
+        for start in map(self.started, self.starts(blur_px)):
+            if self.misfit(2 * start.system.least - start.system.cost) > HOPELESS_MISFIT:
+                continue
+            trial = self.followed(start, TRIAL_STEPS)
             if self.misfit(trial.system.cost) < GOOD_MISFIT:
                 trial = self.followed(trial, ITERATIONS)
                 if trial.done:

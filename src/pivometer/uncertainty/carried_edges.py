@@ -1,5 +1,7 @@
 """The raw points of edges, few enough to be carried through many changed cameras at once."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -20,6 +22,11 @@ from pivometer.shaft.triangulation import lines_from_edge_normals
 POINTS_AN_EDGE = 16
 """Points by which each edge is carried through a changed camera. Distortion bends a line to second
 and third order, so a few points say all; 16 and 400 agree to 1e-4 of the uncertainty."""
+
+
+STEP_PART = 0.01
+"""Step of the differences that tell how normals change, in standard uncertainties: so small that
+parameters which are only known together stay within what the distortion model can undo."""
 
 
 class EdgePoints(Protocol):
@@ -84,6 +91,72 @@ def _evenly_chosen(points_px: ArrayLike) -> Floats:
     points = checked(points_px, (2, None, 2), "points_px")
     chosen = np.linspace(0, points.shape[1] - 1, POINTS_AN_EDGE).round().astype(int)
     return points[:, chosen]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Carried:
+    """Raw edge points as rigs near one see them, to first order in the cameras' parameters.
+
+    To undo the distortion anew for each of dozens of rigs would take ten times as long.
+
+    Parameters
+    ----------
+    groups, rig
+        The points, and the rig.
+    normals, changes
+        For each group the coimage normals of the edges, shape (n, c, 2, 3), and for each of its
+        cameras their derivatives by its parameters, shape (n, 2, 3, m).
+    """
+
+    groups: tuple[SeenAlike, ...]
+    rig: Rig
+    normals: tuple[Floats, ...]
+    changes: tuple[tuple[Floats, ...], ...]
+
+    @classmethod
+    def by(cls, groups: Sequence[SeenAlike], rig: Rig, sigmas: Floats) -> Carried:
+        """Return what rigs see that differ by about so much, in `rig.parameter_names`' order."""
+        steps = _by_camera(rig, STEP_PART * sigmas)
+        changes = (
+            tuple(
+                _changes(px, rig.cameras[i], steps[i])
+                for px, i in zip(group.points_px, group.cameras, strict=True)
+            )
+            for group in groups
+        )
+        normals = (normals_of(group, rig) for group in groups)
+        return cls(tuple(groups), rig, tuple(normals), tuple(changes))
+
+    def lines(self, delta: Floats) -> tuple[Floats, Floats]:
+        """Return points and directions of the lines that `rig.perturbed(delta)` sees."""
+        rig, own = self.rig.perturbed(delta), _by_camera(self.rig, delta)
+        points = np.empty((sum(len(group.poses) for group in self.groups), 3))
+        directions = np.empty_like(points)
+        for group, normals, changes in zip(self.groups, self.normals, self.changes, strict=True):
+            moves = [change @ own[i] for change, i in zip(changes, group.cameras, strict=True)]
+            points[group.poses], directions[group.poses], _ = lines_from_edge_normals(
+                normals + np.stack(moves, axis=1), transforms_of(group, rig)
+            )
+        return points, directions
+
+
+def _by_camera(rig: Rig, parameters: Floats) -> list[Floats]:
+    """Return each camera's own part of a rig's parameters."""
+    ends = np.cumsum([len(camera.parameters) for camera in rig.cameras])
+    return np.split(parameters, ends)[:-1]
+
+
+def _changes(points_px: Floats, camera: Camera, steps: Floats) -> Floats:
+    """Return the derivatives of normals (n, 2, 3) by a camera's parameters; 0 for known ones."""
+    changes = np.zeros((*points_px.shape[:2], 3, len(steps)))
+    for k in np.flatnonzero(steps):
+        step = np.where(np.arange(len(steps)) == k, steps, 0.0)
+        ahead, back = (
+            edge_normals(points_px, camera.with_parameters(camera.parameters + sign * step))
+            for sign in (1, -1)
+        )
+        changes[..., k] = (ahead - back) / (2 * steps[k])
+    return changes
 
 
 def lines_of(groups: Sequence[SeenAlike], rig: Rig) -> tuple[Floats, Floats]:

@@ -16,12 +16,11 @@ from pivometer.cameras.rig import Rig
 from pivometer.errors import ShapeError
 from pivometer.rcm.least_squares import least_squares_rcm
 from pivometer.uncertainty.carried_edges import (
+    Carried,
     EdgePoints,
-    SeenAlike,
     feet_of,
     lines_of,
     passing_through,
-    rcm_of_points,
     thinned_points,
 )
 from pivometer.uncertainty.coverage import (
@@ -161,8 +160,8 @@ def location_uncertainty(
 
     The calibration's part goes through the whole chain: with the rig's parameters moved by plus
     and minus one standard deviation along each independent direction of their covariance, the same
-    raw edge points are undistorted, fitted, triangulated and solved again. So strongly correlated
-    parameters only move together, as far as the calibration leaves them free.
+    raw edge points are undistorted and fitted (to first order), triangulated and solved again. So
+    strongly correlated parameters only move together, as far as the calibration leaves them free.
 
     Parameters
     ----------
@@ -193,8 +192,9 @@ def location_uncertainty(
     rcm = least_squares_rcm(*lines)
     told = scatter(rcm, *lines)
     root = square_root(covariance)
+    carried = Carried.by(points, rig, np.sqrt(covariance.diagonal()))
     jacobian = jacobian_by_differences(
-        lambda independent: _location_max_rms(points, rig.perturbed(root @ independent)),
+        lambda independent: _location_max_rms(*carried.lines(root @ independent)),
         np.zeros(root.shape[1]),
         np.ones(root.shape[1]),
     )
@@ -251,14 +251,16 @@ def calibration_displacements(
         covariance.
     """
     size = len(rig.parameter_names)
-    root = square_root(checked(rig_covariance, (size, size), "rig_covariance"))
+    covariance = checked(rig_covariance, (size, size), "rig_covariance")
+    root = square_root(covariance)
     points = thinned_points(edges, [camera.name for camera in rig.cameras])
     at = checked(point_mm, (3,), "point_mm")
     if not of_misses:
         points = passing_through(points, rig, at)
+    carried = Carried.by(points, rig, np.sqrt(covariance.diagonal()))
 
     def feet(independent: Floats) -> Floats:
-        return feet_of(*lines_of(points, rig.perturbed(root @ independent)), at).ravel()
+        return feet_of(*carried.lines(root @ independent), at).ravel()
 
     jacobian = jacobian_by_differences(feet, np.zeros(root.shape[1]), np.ones(root.shape[1]))
     return jacobian.reshape(len(edges), 3, root.shape[1])
@@ -323,9 +325,9 @@ def _combined(
     )
 
 
-def _location_max_rms(points_px: Sequence[SeenAlike], rig: Rig) -> Floats:
+def _location_max_rms(points_mm: Floats, directions: Floats) -> Floats:
     """Return the location of the RCM, its largest and its rms distance, shape (5,), mm."""
-    rcm = rcm_of_points(points_px, rig)
+    rcm = least_squares_rcm(points_mm, directions)
     return np.array([*rcm.point_mm, rcm.max_mm, rcm.rms_mm])
 
 
