@@ -142,6 +142,24 @@ def tapers_px(lines: tuple[EdgeLine, EdgeLine]) -> Floats:
     return np.reshape(tapers, (2, 1, 1, 1))
 
 
+def halves_px(lines: tuple[EdgeLine, EdgeLine], lever: Floats) -> Floats:
+    """Return half the shaft's width at places along each edge, shape (2, rows, 1).
+
+    Parameters
+    ----------
+    lines
+        The edges, undistorted px. Their middles may stand at different places along the shaft.
+    lever
+        Places along each edge, −1 … 1, shape (2, rows, 1).
+    """
+    middles = [
+        abs(float((own.middle_px - other.middle_px) @ other.outward)) / 2
+        for own, other in (lines, lines[::-1])
+    ]
+    halves = np.reshape(middles, (2, 1, 1)) + tapers_px(lines)[..., 0] * lever
+    return np.asarray(np.maximum(halves, 1.0))
+
+
 def _band(
     turned: NDArray[np.generic],
     camera: Camera,

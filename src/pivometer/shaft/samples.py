@@ -118,6 +118,12 @@ def pixels(
     """
     chunks = 2 * bands.near.shape[1] // CHUNK_ROWS
     shape = (chunks, -1)
+    used = rows.reshape(shape)
+    share = np.where(used.any(axis=1, keepdims=True), used, 1.0)
+    share = share / share.sum(axis=1, keepdims=True)
+
+    def mean(values: Floats) -> Floats:
+        return np.asarray((values.reshape(shape) * share).sum(axis=1, keepdims=True))
 
     def flat(values: Floats) -> Floats:
         return values[..., columns].reshape(shape)
@@ -128,8 +134,8 @@ def pixels(
         x_px=flat(bands.x_px),
         lever=flat(bands.lever),
         count=flat(np.broadcast_to(rows[..., None], bands.near.shape)),
-        scale=bands.scale.reshape(chunks, -1).mean(axis=1, keepdims=True),
-        half_px=half_px.reshape(chunks, -1).mean(axis=1, keepdims=True),
+        scale=mean(bands.scale),
+        half_px=mean(half_px),
         edge=np.repeat([0, 1], chunks // 2),
         behind=behind and Behind(flat(behind.grey), flat(behind.slope)),
     )
