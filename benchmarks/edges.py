@@ -84,6 +84,17 @@ def lambert(rng: np.random.Generator) -> Scene:
     )
 
 
+def nearly_lambert(rng: np.random.Generator) -> Scene:
+    """Render the matt shaft with a third of a grey level that goes twice around it."""
+    ambient, side, at = rng.uniform(60, 90), rng.uniform(-15, 15), rng.uniform(0, 2 * np.pi)
+
+    def shading(xi: Floats) -> Floats:
+        other = 0.3 * np.cos(2 * np.arcsin(xi) - at)
+        return np.asarray(ambient + side * xi + 110 * np.sqrt(1 - xi * xi) + other)
+
+    return make(rng, Look(shading, 20.0, 0.8, 2.0))
+
+
 FILTERS = (((1.0, 1.0), (1.0, 0.9)), ((1.0, 0.9), (1.0, 0.7)))
 """What filters of two rows and two columns pass of the dark and of the bright thing."""
 
@@ -215,6 +226,7 @@ ROWS = (
     Row("5–10 px wide", thin, False, "1.1×"),
     Row("k₁ = −0.28", distorted, False, "1.1× of clean"),
     Row("Lambert, each edge", lambert, False, "5"),
+    Row("nearly Lambert, each edge", nearly_lambert, False, "–", 0.6),
     Row("Lambert behind filters, each edge", filtered, False, "1.5× of Lambert"),
     Row("oblique metal, centre", metal, True, "15"),
     Row("highlight stripe, centre", stripe, True, "100"),

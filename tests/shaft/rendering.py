@@ -73,6 +73,8 @@ def render(
     side_light: float = 0.0,
     gloss_at: float | None = None,
     oblique_deg: float | None = None,
+    lamp_deg: float | None = None,
+    uneven: float = 0.0,
     psf_px: float = 0.7,
 ) -> Scene:
     """Render a shaft that crosses the whole image.
@@ -80,7 +82,9 @@ def render(
     `outside` may be a picture of FACTOR × FACTOR samples a pixel. `limb` is the part of the inside
     level that falls off towards the edges as √(1 − ξ²), and `side_light` the part that changes
     linearly from one edge to the other. `gloss_at` is the ξ of a narrow highlight of 170 levels;
-    `oblique_deg` is where around it light falls on brushed metal from, in place of all other light.
+    `oblique_deg` is where around it light falls on brushed metal from, in place of all other light,
+    and `lamp_deg` where the only lamp of a matt one stands. `uneven` is the height of a second
+    harmonic around the shaft, grey levels.
     """
     angle = np.radians(angle_deg)
     along = np.array([np.cos(angle), np.sin(angle)])
@@ -121,6 +125,9 @@ def render(
     if oblique_deg is not None:
         lit = np.clip(np.cos(np.arcsin(xi) - np.radians(oblique_deg)), 0, None)
         level = 70 + 60 * lit + 90 * lit**8
+    if lamp_deg is not None:
+        level = 50 + 120 * np.clip(np.cos(np.arcsin(xi) - np.radians(lamp_deg)), 0, None)
+    level = level + uneven * np.cos(2 * np.arcsin(xi))
     sharp = outside + (level - outside) * cover
     blurred = cv2.GaussianBlur(sharp, (0, 0), psf_px * FACTOR, borderType=cv2.BORDER_REPLICATE)
     clean = blurred.reshape(camera.height, FACTOR, camera.width, FACTOR).mean(axis=(1, 3))

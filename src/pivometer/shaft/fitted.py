@@ -49,9 +49,9 @@ class ShaftEdges:
     used_part
         Part of each edge's rows that counts, shape (2,).
     shading
-        The model of the grey levels that the fit needed: "flat", "ramp", "limb", "highlight" where
-        that of the whole width was fitted, or "clutter" where every row has a background of its
-        own.
+        The model of the grey levels that the fit needed: "flat", "ramp", "limb", "matt" or
+        "highlight" where that of the whole width was fitted, or "clutter" where every row has a
+        background of its own.
     saturated_part
         Part of the pixels beside each edge at the sensor's largest grey level, shape (2,).
     curvature_px, curvature_sigma_px

@@ -8,7 +8,7 @@ Where only narrow ones fit, the shading of the whole width may tell more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
 from pivometer.shaft.band_map import BandMap
-from pivometer.shaft.bands import EdgeLine, tapers_px, width_px
+from pivometer.shaft.bands import EdgeLine, halves_px, width_px
+from pivometer.shaft.choice import Said, chosen_rung, spread_if_holds
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
+from pivometer.shaft.matt import fit_matt
 from pivometer.shaft.rungs import (
     IN,
     LIMB,
@@ -55,17 +57,6 @@ bearing, whose point spread is not quite Gaussian, it moved edges by 0.05 px."""
 
 FIRST, REFERENCE = RUNGS[4], RUNGS[3]
 SURROUNDINGS = Rung(2.0, 6.0, (OUT, OUT_RAMP, IN, RAMP))
-
-LARGEST_MISFIT = 3.0
-AGREEING_SIGMAS = 3.5
-"""A window holds if its mean residual is within three standard deviations of noise, and if no less
-certain one differs by 3.5. Over 40 scenes each, 2 and 3.0, 3 and 3.0, 3 and 3.5, 4 and 4.0 gave
-Lambert-shaded edges 0.0078, 0.0056, 0.0048, 0.0048 px rms, oblique metal's centre 0.029, 0.031,
-0.032, 0.038 px."""
-
-COMPLEX_PX = 5.0
-"""Where no window over 5 px holds, shading is not simple, and the narrowest window's answer
-counts as another opinion: on oblique metal the others' stated errors are a half of the real."""
 
 SYSTEMATIC_PX = 0.01
 """Added in quadrature to every shaded edge: on the white bearing (independently rendered, true
@@ -118,14 +109,6 @@ STEP_LIMIT_PX = np.array([0.7, 0.7, 0.7, 0.7, 0.3])
 BLUR_RANGE_PX = (0.3, 4.0)
 
 
-class _Said(NamedTuple):
-    """What a rung says of one edge: its offset, how certain that is, and how it fits."""
-
-    offset_px: float
-    sigma_px: float
-    misfit: float
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tried:
     """What a rung says: its estimate, its covariance, and how it fits each edge."""
@@ -134,11 +117,23 @@ class _Tried:
     covariance: Floats
     misfits: tuple[float, float]
 
-    def of_edge(self, edge: int) -> _Said:
+    def of_edge(self, edge: int) -> Said:
         """Return what it says of one edge."""
         at = 2 * edge
         sigma = float(np.sqrt(self.covariance[at, at]))
-        return _Said(float(self.parameters[at]), sigma, self.misfits[edge])
+        return Said(float(self.parameters[at]), sigma, self.misfits[edge])
+
+
+class _Climbed(NamedTuple):
+    """The fit with the chosen rung of each edge, and what all rungs with a limb say."""
+
+    fitted: FittedEdges
+    chosen: list[Rung]
+    tried: list[_Tried]
+
+    def limbs(self, edge: int) -> list[Said]:
+        """Return what they say of one edge."""
+        return [tried.of_edge(edge) for tried in self.tried]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,11 +224,6 @@ def fit_ladder(
         What is known of the blur; windows widen with it.
     cluttered
         Part of the surroundings that may be clutter.
-
-    References
-    ----------
-    Lepskii (1991), "On a problem of adaptive estimation in Gaussian white noise", Theory Probab.
-    Appl. 35, 454, for the choice of the window.
     """
     widen = max(1.0, blur.mean_px)
     if width_px(lines) / 2 < LEAST_HALF_PX * widen:
@@ -242,8 +232,7 @@ def fit_ladder(
     reach = rungs[0].inner_px * widen + SPARE_PX, RUNGS[0].outer_px * widen + SPARE_PX
     near = maps[0].towards(lines[0]), maps[1].towards(lines[1])
     bands = strip(turned, near, lines, near_px=reach, inner_px=0.0, outer_px=0.0)
-    middle = bands.lever[..., bands.lever.shape[2] // 2, None]
-    half = np.maximum(width_px(lines) / 2 + tapers_px(lines)[..., 0] * middle, 1.0)
+    half = halves_px(lines, bands.lever[..., bands.lever.shape[2] // 2, None]) * bands.scale
     behind = None
     if background is not None:
         behind, known = known_behind(background, near, reach, bands.x_px)
@@ -263,10 +252,46 @@ def fit_ladder(
         moved = lines[0].moved(*parameters[:2]), lines[1].moved(*parameters[2:4])
         wider = Blur(float(parameters[4]), blur.sigma_px)
         return fit_ladder(turned, maps, moved, background, wider, cluttered=cluttered)
-    fitted, chosen = _climbed(edges, rungs, parameters, turned.dtype)
-    if behind is not None or all(rung is rungs[0] for rung in chosen):
+    climbed = _climbed(edges, rungs, parameters, turned.dtype)
+    fitted, chosen = climbed.fitted, climbed.chosen
+    if behind is not None:
         return fitted
+    matt = _of_matt(turned, maps, edges, climbed)
+    if matt is not None or all(rung is rungs[0] for rung in chosen):
+        return matt or fitted
     return _of_whole_width(turned, maps, edges, parameters, fitted) or fitted
+
+
+def _of_matt(
+    turned: NDArray[np.generic],
+    maps: tuple[BandMap, BandMap],
+    edges: _Edges,
+    climbed: _Climbed,
+) -> FittedEdges | None:
+    """Return both edges from the matt shading of the whole width, if it holds and windows agree."""
+    fitted, window = climbed.fitted, edges.window
+    if any(LIMB not in rung.terms for rung in climbed.chosen):
+        return None
+    matt = fit_matt(
+        turned,
+        maps,
+        window.lines,
+        edges.rows,
+        fitted.parameters,
+        noise=edges.noise,
+        blur=window.blur,
+    )
+    if matt is None:
+        return None
+    covariance = matt.covariance.copy()
+    whole = _Tried(matt.parameters, matt.covariance, matt.misfits)
+    for edge in (0, 1):
+        spread = spread_if_holds(whole.of_edge(edge), climbed.limbs(edge))
+        if spread is None:
+            return None
+        at = [2 * edge, 2 * edge + 1]
+        covariance[at, at] += spread**2 + SYSTEMATIC_PX**2
+    return replace(fitted, parameters=matt.parameters, covariance=covariance, shading="matt")
 
 
 def _of_whole_width(
@@ -418,7 +443,7 @@ def _cluttered(rest: Rest, noise: float) -> NDArray[np.bool_]:
 
 def _climbed(
     edges: _Edges, rungs: list[Rung], parameters: Floats, depth: np.dtype[np.generic]
-) -> tuple[FittedEdges, list[Rung]]:
+) -> _Climbed:
     """Choose each edge's rung, and fit with them."""
     reference = edges.tried(REFERENCE, parameters).parameters
 
@@ -429,11 +454,11 @@ def _climbed(
     chosen, systematic, parameters = [], [], reference.copy()
     for edge in (0, 1):
 
-        def said(rung: Rung, edge: int = edge) -> _Said:
+        def said(rung: Rung, edge: int = edge) -> Said:
             return tried(rung).of_edge(edge)
 
         at = slice(2 * edge, 2 * edge + 2)
-        rung, spread = _chosen(rungs, said)
+        rung, spread = chosen_rung(rungs, said)
         chosen.append(rung)
         systematic.append(spread**2 + SYSTEMATIC_PX**2)
         parameters[at] = tried(rung).parameters[at]
@@ -449,7 +474,8 @@ def _climbed(
     parameters = _stepped(parameters, step)
     covariance = covariance * inflation(rests, edges.noise)
     covariance[range(4), range(4)] += np.repeat(systematic, 2)
-    return _fitted(edges, rests, parameters, covariance, chosen, depth), chosen
+    fitted = _fitted(edges, rests, parameters, covariance, chosen, depth)
+    return _Climbed(fitted, chosen, [tried(rung) for rung in rungs if LIMB in rung.terms])
 
 
 def _of_both(
@@ -463,45 +489,6 @@ def _of_both(
 
 def _inner(rung: Rung) -> float:
     return rung.inner_px
-
-
-def _chosen(rungs: Sequence[Rung], said: Callable[[Rung], _Said]) -> tuple[Rung, float]:
-    """Return the best rung, and what others say differently, px.
-
-    Lepskii's rule among the rungs with a limb: the most certain of those that fit and agree with
-    all less certain ones that fit. A ramp alone bends near the edge of a round shaft, so it is the
-    last resort. The rungs that fit differ by their noise and by what their terms do not hold; the
-    second is the systematic error.
-    """
-    limbs = {rung: said(rung) for rung in rungs if LIMB in rung.terms}
-    fitting = [rung for rung in limbs if limbs[rung].misfit < LARGEST_MISFIT]
-    if not fitting:
-        narrow = {rung: said(rung) for rung in rungs if rung.inner_px <= REFERENCE.inner_px}
-        best = min(narrow, key=lambda rung: narrow[rung].misfit)
-        return best, float(np.ptp([one.offset_px for one in narrow.values()]) / 2)
-    fitting.sort(key=lambda rung: limbs[rung].sigma_px)
-    best = fitting[-1]
-    for place, rung in enumerate(fitting):
-        if all(_apart(limbs[rung], limbs[r]) < AGREEING_SIGMAS for r in fitting[place + 1 :]):
-            best = rung
-            break
-    own = limbs[best]
-    excess = [
-        (limbs[rung].offset_px - own.offset_px) ** 2
-        - abs(limbs[rung].sigma_px ** 2 - own.sigma_px**2)
-        for rung in fitting
-        if rung is not best
-    ]
-    if best.inner_px <= COMPLEX_PX:
-        excess.append((said(rungs[-1]).offset_px - own.offset_px) ** 2 / 4)
-        return best, float(np.sqrt(np.max(excess)))
-    return best, float(np.sqrt(max(float(np.mean(excess)), 0.0))) if excess else 0.0
-
-
-def _apart(one: _Said, other: _Said) -> float:
-    """Return the difference of two nested estimates over its standard deviation."""
-    variance = other.sigma_px**2 - one.sigma_px**2
-    return abs(one.offset_px - other.offset_px) / float(np.sqrt(max(variance, 1e-8)))
 
 
 def _fitted(

@@ -301,18 +301,33 @@ def misfits(rest: Rest, step: Floats, noise: float) -> tuple[float, float]:
         Standard deviation of a pixel, grey levels.
     """
     own = np.stack([step[[0, 1, 4]], step[[2, 3, 4]]])[rest.edge]
-    left = (rest.residual - (own[:, None] @ rest.jacobian)[:, 0]) * np.sqrt(rest.count)
-    place = np.floor(rest.x_px / BIN_PX).astype(np.intp)
+    left = rest.residual - (own[:, None] @ rest.jacobian)[:, 0]
+    return mean_misfits(left, rest.x_px, rest.count, rest.edge, noise)
+
+
+def mean_misfits(
+    residual: Floats, x_px: Floats, count: Floats, edge: Indices, noise: float
+) -> tuple[float, float]:
+    """Return `misfits` of residuals, which are times the roots of their counts.
+
+    Parameters
+    ----------
+    residual, x_px, count, edge
+        As of a `Rest`.
+    noise
+        Standard deviation of a pixel, grey levels.
+    """
+    place = np.floor(x_px / BIN_PX).astype(np.intp)
     place -= place.min()
     bins = int(place.max()) + 1
-    place += bins * rest.edge[:, None]
-    count, total = (
+    place += bins * edge[:, None]
+    number, total = (
         np.bincount(place.ravel(), values.ravel(), 2 * bins).reshape(2, bins)
-        for values in (rest.count, left)
+        for values in (count, residual * np.sqrt(count))
     )
-    full = count >= FULL_BIN
-    number = np.maximum(full.sum(axis=1), 1)
-    chi2 = (full * total**2 / np.maximum(count, 1)).sum(axis=1) / noise**2
-    seen = count.any(axis=1)
-    first, second = np.where(seen, (chi2 - number) / np.sqrt(2 * number), np.inf).tolist()
+    full = number >= FULL_BIN
+    freedom = np.maximum(full.sum(axis=1), 1)
+    chi2 = (full * total**2 / np.maximum(number, 1)).sum(axis=1) / noise**2
+    seen = number.any(axis=1)
+    first, second = np.where(seen, (chi2 - freedom) / np.sqrt(2 * freedom), np.inf).tolist()
     return first, second
