@@ -225,8 +225,10 @@ class _Model:
         radius, centre = outer.mean(axis=1), (outer[:, 0] - outer[:, 1]) / 2
         place = np.where(at.edge == 0, 1.0, -1.0) * (half + at.x_px)
         nodes = centre[:, None] + radius[:, None] * np.sin(self.angles)
-        z = (place[:, :, None] - nodes[:, None, :]) / blur
-        kernels = np.exp(-0.5 * z * z)
+        z = (place / blur)[:, :, None] - (nodes / blur)[:, None, :]
+        kernels = -0.5 * z
+        kernels *= z
+        np.exp(kernels, out=kernels)
         step = np.pi / len(self.angles) / (np.sqrt(2 * np.pi) * blur)
         kernels *= self.root[:, :, None]
         kernels *= (step * radius[:, None] * np.cos(self.angles))[:, None, :]
@@ -257,12 +259,13 @@ class _Model:
         terms = np.zeros((parts, p, LEVELS * parts + self.rough.shape[1]))
         first = self.profile.edge == 0
         simple = np.stack([np.ones_like(self.angles), np.sin(self.angles), np.cos(self.angles)])
-        for part, kernel in enumerate(seen.kernels):
+        common = seen.kernels @ np.concatenate([simple.T, self.rough], axis=1)
+        lit = seen.kernels @ lobe[:, :, None]
+        for part in range(parts):
             own = terms[part, :, LEVELS * part : LEVELS * (part + 1)]
             own[first, :2], own[~first, 2:4] = outside[:, part, first].T, outside[:, part, ~first].T
-            own[:, 4:7] = kernel @ simple.T
-            own[:, 7] = kernel @ lobe[part]
-            terms[part, :, LEVELS * parts :] = kernel @ self.rough
+            own[:, 4:7], own[:, 7] = common[part, :, :3], lit[part, :, 0]
+        terms[:, :, LEVELS * parts :] = common[:, :, 3:]
         return terms.reshape(parts * p, -1)
 
     def solved(self, terms: Floats) -> tuple[Floats, Floats, Floats]:
@@ -313,8 +316,8 @@ class _Model:
         lit, by_place, by_width = _applied(
             seen.kernels, shading, own[:, 7:] * lobe.slopes, own[:, 7:] * lobe.spreads
         )
-        moved = seen.kernels * (seen.z / blur)
-        by_centre, by_radius = _applied(moved, shading, shading * sine)
+        moved = seen.kernels * seen.z
+        by_centre, by_radius = _applied(moved, shading, shading * sine) / blur
         by_radius = by_radius + lit / seen.radius[:, None]
         out = np.stack([own[:, :2], own[:, 2:4]])[at.edge]
         by_outer = -np.einsum("pgk,kgp->gp", out, outside.slopes)
@@ -325,7 +328,7 @@ class _Model:
             jacobian[..., 2 * edge] = by_edge
             jacobian[..., 2 * edge + 1] = by_edge * at.lever[:, edge, None]
         moved *= seen.z
-        jacobian[..., 4] = _applied(moved, shading)[0] - lit / blur
+        jacobian[..., 4] = (_applied(moved, shading)[0] - lit) / blur
         jacobian[..., 4] += np.einsum("pgk,kgp->gp", out, outside.spreads)
         jacobian[..., 5], jacobian[..., 6] = by_place, by_width
         jacobian[..., 7] = by_place * at.lever.mean(axis=1)[:, None]
@@ -342,8 +345,9 @@ class _Model:
         moves = self.jacobian(still, seen, outside, _Terms(none, none, none), levels)[:, [0, 2, 4]]
         terms = np.hstack([terms, moves])
         tried = [(place, width) for place in PLACES_RAD for width in WIDTHS_RAD]
-        lobes = [np.exp(-0.5 * ((self.angles - place) / width) ** 2) for place, width in tried]
-        columns = (seen.kernels @ np.stack(lobes, axis=1)).reshape(len(terms), -1)
+        places, widths = np.transpose(tried)
+        lobes = np.exp(-0.5 * ((self.angles[:, None] - places) / widths) ** 2)
+        columns = (seen.kernels @ lobes).reshape(len(terms), -1)
         columns = np.hstack([columns, (self.profile.grey * self.root).reshape(-1, 1)])
         gram = terms.T @ terms
         gram.flat[:: len(gram) + 1] += np.append(self.precision()[0], np.full(3, SHIFT_PX**-2))

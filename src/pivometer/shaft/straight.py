@@ -163,20 +163,29 @@ class _Around:
 
     @classmethod
     def lines(cls, close: NDArray[np.bool_], points: Floats, directions: Floats) -> _Around:
-        """Return the pixels (n, 2) that are close to each line, `close` of shape (lines, n)."""
-        line, pixel = np.nonzero(close)
-        first = np.searchsorted(line, np.arange(len(close)))
+        """Return the pixels (n, 2) that are close to lines, some to each; shape (lines, n)."""
+        count = np.count_nonzero(close, axis=1)
+        line = np.repeat(np.arange(len(close)), count)
+        pixel = np.flatnonzero(close) - line * close.shape[1]
+        first = np.cumsum(count) - count
         return cls(line, first, points.T.take(pixel, axis=1), directions.T.take(pixel, axis=1))
 
-    def only(self, kept: NDArray[np.bool_]) -> _Around:
-        """Return some of the pixels, of those lines that have any, which are numbered anew."""
-        _, first, line = np.unique(self.line[kept], return_index=True, return_inverse=True)
-        return _Around(line, first, self.points[:, kept], self.directions[:, kept])
+    def only(self, kept: NDArray[np.bool_]) -> tuple[_Around, NDArray[np.intp]]:
+        """Return some of the pixels, of those lines that have any, and which lines these are."""
+        line = self.line[kept]
+        first = np.flatnonzero(np.diff(line, prepend=-1))
+        number = np.repeat(np.arange(len(first)), np.diff(first, append=len(line)))
+        around = _Around(number, first, self.points[:, kept], self.directions[:, kept])
+        return around, line[first]
 
     def dot(self, normals: Floats, vectors: Floats) -> Floats:
-        """Return the products of each line's normal with vectors (2, n) at its pixels."""
+        """Return the products of each line's normal with vectors (..., 2, n) at its pixels."""
         n = normals.T.take(self.line, axis=1)
-        return np.asarray(n[0] * vectors[0] + n[1] * vectors[1])
+        return np.asarray(n[0] * vectors[..., 0, :] + n[1] * vectors[..., 1, :])
+
+    def sums(self, values: Floats) -> Floats:
+        """Return the sums of values (..., n) over each line's pixels, shape (..., lines)."""
+        return np.asarray(np.add.reduceat(values, self.first, axis=-1))
 
 
 def _fitted(
@@ -192,8 +201,8 @@ def _fitted(
     normals, offsets, near = _in_bands(around, normals[which], offsets[which])
     if not near.any():
         return lines
-    kept = np.unique(around.line[near])
-    around, normals, offsets = around.only(near), normals[kept], offsets[kept]
+    around, kept = around.only(near)
+    normals, offsets = normals[kept], offsets[kept]
     occupied = _occupied(around, normals, offsets, reach)
     density = _density(occupied)
     for k in np.flatnonzero(np.count_nonzero(occupied, axis=1) * BIN_PX >= LEAST_SUPPORT_PX):
@@ -205,23 +214,17 @@ def _in_bands(
     around: _Around, normals: Floats, offsets: Floats
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Return lines fitted in one band after another, and their pixels in the last one."""
-    enough = np.ones(len(normals), dtype=bool)
+    enough, (x, y) = np.ones(len(normals), dtype=bool), around.points
+    both = np.stack([around.directions, around.points])
     for band, either in BANDS:
-        facing = around.dot(normals, around.directions)
-        away = around.dot(normals, around.points) - offsets.take(around.line)
+        facing, away = around.dot(normals, both)
+        away = away - offsets.take(around.line)
         near = (np.abs(away) < band) & ((np.abs(facing) if either else facing) > MOST_TURN_COSINE)
-        pixel = np.flatnonzero(near)
-        line, away, (x, y) = around.line[pixel], away[pixel], around.points[:, pixel]
-        enough &= np.bincount(line, minlength=len(normals)) >= 0.5 * LEAST_SUPPORT_PX
-        weights = np.exp(away * away * (-0.5 / FOCUS_PX**2))
+        enough &= around.sums(near.astype(np.float64)) >= 0.5 * LEAST_SUPPORT_PX
+        weights = np.exp(away * away * (-0.5 / FOCUS_PX**2)) * near
         wx, wy = weights * x, weights * y
-        total, mean_x, mean_y, xx, xy, yy = (
-            np.bincount(line, values, len(normals))
-            for values in (weights, wx, wy, wx * x, wx * y, wy * y)
-        )
-        mean_x, mean_y, xx, xy, yy = np.stack([mean_x, mean_y, xx, xy, yy]) / np.maximum(
-            total, 1e-9
-        )
+        total, *means = around.sums(np.stack([weights, wx, wy, wx * x, wx * y, wy * y]))
+        mean_x, mean_y, xx, xy, yy = np.stack(means) / np.maximum(total, 1e-9)
         xx, xy, yy = xx - mean_x * mean_x, xy - mean_x * mean_y, yy - mean_y * mean_y
         across = np.arctan2(2 * xy, xx - yy) / 2 + np.pi / 2  # of the smaller principal axis
         found = np.column_stack([np.cos(across), np.sin(across)])
@@ -258,15 +261,11 @@ def _bow_residual(around: _Around, along: Floats, across: Floats) -> Floats:
     middle, half = (low + high) / 2, np.maximum((high - low) / 2, 1.0)
     x = (along - middle[line]) / half[line]
     x2 = x * x
-    powers = (None, x, x2, x2 * x, x2 * x2)
+    powers = np.stack([np.ones_like(x), x, x2, x2 * x, x2 * x2])
     rest = across
     for _ in range(3):
-        weights = np.exp(rest * rest * (-0.5 / FOCUS_PX**2))
-        weighted = weights * across
-        moments, right = (
-            np.stack([np.bincount(line, v if p is None else v * p) for p in powers[:count]], axis=1)
-            for v, count in ((weights, 5), (weighted, 3))
-        )
+        weighted = np.exp(rest * rest * (-0.5 / FOCUS_PX**2)) * powers
+        moments, right = around.sums(weighted).T, around.sums(weighted[:3] * across).T
         gram = moments[:, np.add.outer(np.arange(3), np.arange(3))] + _HELD_BOW
         level, slope, bow = np.linalg.solve(gram, right[..., None])[..., 0].T
         rest = across - level[line] - x * slope[line] - x2 * bow[line]
