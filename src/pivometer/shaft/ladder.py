@@ -505,7 +505,7 @@ def _fitted(
     usual = np.median(information, axis=1, keepdims=True)
     used = edges.rows * information > LEAST_INFORMATION * usual
     count = used.reshape(2, -1, CHUNK_ROWS).sum(axis=-1)
-    contrast = _by_edge([rest.contrast for rest in rests])
+    contrast = _by_edge([rest.contrast() for rest in rests])
     scale = bands.scale[..., 0]
     return FittedEdges(
         start=edges.window.lines,

@@ -196,13 +196,16 @@ def _linearized(samples: Samples, profile: Floats, own: Floats) -> Rest:
     root = np.sqrt(samples.count)
     seen, slope, spread = terms_of(x, float(own[2]), samples, WINDOW, slice(None))
     values = np.concatenate([seen, profile], axis=1)
-    _, columns, rest = eliminated(
+    levels, columns, rest = eliminated(
         values, slope, spread, samples.grey, root, samples.scale, samples.lever
     )
     return Rest(
         information=rest[:, :3, :3],
         gradient=rest[:, :3, 3],
-        contrast=np.zeros(len(x)),
+        rung=WINDOW,
+        blur_px=float(own[2]),
+        levels=levels,
+        behind=None,
         x_px=x,
         count=samples.count,
         residual=columns[:, 3],

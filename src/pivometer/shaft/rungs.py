@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
 from pivometer.shaft.profile import limb, normal_cdf
@@ -50,8 +49,9 @@ class Rest:
     ----------
     information, gradient
         Normal equations of (offset, tilt, blur), grey levels², shapes (chunks, 3, 3), (chunks, 3).
-    contrast
-        Grey step at the edge without sign, mean over each chunk, shape (chunks,).
+    rung, blur_px, levels, behind
+        The rung, the blur that it was evaluated at, its grey levels, shape (chunks, k), and what
+        stands behind each sample, if that is known, shape (chunks, p).
     x_px, count
         Distance of each sample, and its number of pixels within the window, shape (chunks, p).
     residual
@@ -66,13 +66,31 @@ class Rest:
 
     information: Floats
     gradient: Floats
-    contrast: Floats
+    rung: Rung
+    blur_px: float
+    levels: Floats
+    behind: Floats | None
     x_px: Floats
     count: Floats
     residual: Floats
     jacobian: Floats
     edge: Indices
     terms: int
+
+    def contrast(self) -> Floats:
+        """Return the grey step at the edge without sign, mean over each chunk, shape (chunks,).
+
+        Before clutter it differs from row to row.
+        """
+        terms, levels = self.rung.terms, self.levels
+        inside = levels[:, terms.index(IN)]
+        if self.behind is None:
+            return np.abs(levels[:, 0] - inside)
+        shift = levels[:, terms.index(OUT_RAMP)] if OUT_RAMP in terms else 0.0
+        weights = self.count * (np.abs(self.x_px) < self.blur_px)
+        steps = np.abs(levels[:, :1] * self.behind + (shift - inside)[:, None])
+        total: Floats = (weights * steps).sum(axis=1) / np.maximum(weights.sum(axis=1), 1)
+        return total
 
     def variance(self) -> tuple[Floats, Floats]:
         """Return each chunk's mean square residual and its number of samples, shape (chunks,)."""
@@ -115,18 +133,20 @@ def evaluate(samples: Samples, rung: Rung, parameters: Floats, widen: float) -> 
     x = samples.moved(parameters)
     low, high = -rung.inner_px * widen, rung.outer_px * widen
     count = samples.count * ((x > low) & (x < high))
-    place = np.flatnonzero(count.any(axis=0)) if samples.sorted else np.arange(x.shape[1])
+    place = np.flatnonzero(count.max(axis=0)) if samples.sorted else np.arange(x.shape[1])
     cut = slice(int(place[0]), int(place[-1]) + 1) if place.size else slice(0, 1)
     x, count, lever = x[:, cut], count[:, cut], samples.lever[:, cut]
     root = np.sqrt(count)
     values, slopes, spreads = terms_of(x, blur, samples, rung, cut)
-    behind = None if samples.behind is None else samples.behind.grey[:, cut]
     grey = samples.grey[:, cut]
     levels, columns, rest = eliminated(values, slopes, spreads, grey, root, samples.scale, lever)
     return Rest(
         information=rest[:, :3, :3],
         gradient=rest[:, :3, 3],
-        contrast=_contrast(np.abs(x) < blur, count, levels, rung, behind),
+        rung=rung,
+        blur_px=blur,
+        levels=levels,
+        behind=None if samples.behind is None else samples.behind.grey[:, cut],
         x_px=x,
         count=count,
         residual=columns[:, 3],
@@ -167,8 +187,8 @@ def eliminated(
     """
     values *= root[:, None]
     gram = values @ np.swapaxes(values, -1, -2)
-    size = np.trace(gram, axis1=-2, axis2=-1)[:, None, None]
-    gram += (1e-9 * size + 1e-9) * np.eye(gram.shape[-1])
+    diagonal = np.einsum("kii->ki", gram)
+    diagonal += 1e-9 * diagonal.sum(axis=-1, keepdims=True) + 1e-9
     inverse = np.linalg.inv(gram)
     grey = root * grey
     levels = inverse @ (values @ grey[..., None])
@@ -183,20 +203,6 @@ def eliminated(
     rest = columns @ np.swapaxes(columns, -1, -2)
     rest -= np.swapaxes(mixed, -1, -2) @ (inverse @ mixed)
     return levels[..., 0], columns, rest
-
-
-def _contrast(
-    near: NDArray[np.bool_], count: Floats, levels: Floats, rung: Rung, behind: Floats | None
-) -> Floats:
-    """Return the mean grey step of each chunk; before clutter it differs from row to row."""
-    inside = levels[:, rung.terms.index(IN)]
-    if behind is None:
-        return np.abs(levels[:, 0] - inside)
-    shift = levels[:, rung.terms.index(OUT_RAMP)] if OUT_RAMP in rung.terms else 0.0
-    weights = count * near
-    steps = np.abs(levels[:, :1] * behind + (shift - inside)[:, None])
-    total: Floats = (weights * steps).sum(axis=1) / np.maximum(weights.sum(axis=1), 1)
-    return total
 
 
 def terms_of(
