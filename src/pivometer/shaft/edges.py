@@ -29,6 +29,7 @@ from pivometer.shaft.refusals import refuse_fit, refuse_outside, refuse_width, s
 from pivometer.shaft.search import found_lines
 from pivometer.shaft.shaded import FIRST_BLUR_PX, fit_shaded
 from pivometer.shaft.silhouette import coimage_normal, normalized_line, outward_normals
+from pivometer.shaft.texture import with_texture
 from pivometer.shaft.thin import fit_thin
 
 __all__ = ["ShaftEdges", "edge_normals", "fit_edges"]
@@ -214,7 +215,7 @@ def _fit_round(
     told = behind()
     fitted = None if told is None else fit_ladder(turned, maps, start, told)
     if told is not None and _holds(fitted):
-        return with_lanes(turned, maps, fitted, told)
+        return _seconded(turned, maps, fitted, told)
     if fitted is None and clean:
         fitted = fit_ladder(turned, maps, start)
     if _holds(fitted):
@@ -226,10 +227,21 @@ def _fit_round(
     if fitted is None and told is not None:
         fitted = fit_ladder(turned, maps, guarded.lines, told)
         if _holds(fitted):
-            return with_lanes(turned, maps, fitted, told)
+            return _seconded(turned, maps, fitted, told)
     if _holds(fitted):
         return fitted
-    return guarded if told is None else with_lanes(turned, maps, guarded, told)
+    return _seconded(turned, maps, guarded, told)
+
+
+def _seconded(
+    turned: NDArray[np.generic],
+    maps: tuple[BandMap, BandMap],
+    fitted: FittedEdges,
+    told: Floats | None,
+) -> FittedEdges:
+    """Return a fit before clutter as certain as lanes let it be, and heard with the background."""
+    fitted = with_texture(turned, maps, fitted)
+    return fitted if told is None else with_lanes(turned, maps, fitted, told)
 
 
 def _unless_defocused(

@@ -155,6 +155,17 @@ class FittedEdges:
         moves = self.parameters
         return self.start[0].moved(*moves[:2]), self.start[1].moved(*moves[2:4])
 
+    def accepted_at(self, lever: Floats) -> Floats:
+        """Return 1 for rows at places along the edges, shape (2, rows), that were accepted."""
+        found = []
+        for at, own, accepted, counted in zip(
+            lever, self.lever, self.accepted, self.counted, strict=True
+        ):
+            places = own[counted]
+            order = np.argsort(places)
+            found.append(np.interp(at, places[order], accepted[counted][order]) >= 0.5)
+        return np.stack(found).astype(np.float64)
+
     def sigmas(self) -> tuple[Floats, Floats]:
         """Return the sigma of each edge's offset at its smallest (px) and of its angle (rad)."""
         offset, angle = [], []

@@ -86,7 +86,7 @@ def with_lanes(
     near = maps[0].towards(lines[0]), maps[1].towards(lines[1])
     bands = strip(turned, near, lines, near_px=reach, inner_px=0.0, outer_px=0.0)
     behind, known = known_behind(background, near, reach, bands.x_px)
-    rows = bands.valid * known * _accepted(fitted, bands.lever.mean(axis=-1))
+    rows = bands.valid * known * fitted.accepted_at(bands.lever.mean(axis=-1))
     half = np.full_like(bands.scale, width_px(lines) / 2)
     samples = pixels(bands, half, rows, behind, slice(None))
     parameters, covariance = fitted.parameters.copy(), fitted.covariance.copy()
@@ -105,18 +105,6 @@ def with_lanes(
         parameters[at] += gain @ apart
     shown = np.array([shown_part(side, widen, fitted.noise_grey) for side in sides])
     return replace(fitted, parameters=parameters, covariance=covariance, shown_part=shown)
-
-
-def _accepted(fitted: FittedEdges, lever: Floats) -> Floats:
-    """Return which of some rows, shape (2, rows), a fit accepted, whose own rows may differ."""
-    found = []
-    for at, own, accepted, counted in zip(
-        lever, fitted.lever, fitted.accepted, fitted.counted, strict=True
-    ):
-        places = own[counted]
-        order = np.argsort(places)
-        found.append(np.interp(at, places[order], accepted[counted][order]) >= 0.5)
-    return np.stack(found)
 
 
 def fit_lanes(samples: Samples, widen: float, blur: Blur, noise: float) -> Lanes | None:
