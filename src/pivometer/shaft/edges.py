@@ -240,8 +240,9 @@ def _seconded(
     told: Floats | None,
 ) -> FittedEdges:
     """Return a fit before clutter as certain as lanes let it be, and heard with the background."""
-    fitted = with_texture(turned, maps, fitted)
-    return fitted if told is None else with_lanes(turned, maps, fitted, told)
+    if told is None:
+        return fitted
+    return with_lanes(turned, maps, with_texture(turned, maps, fitted), told)
 
 
 def _unless_defocused(
