@@ -10,6 +10,7 @@ from scipy.integrate import quad
 from scipy.special import ndtr
 
 from pivometer.cameras import Camera
+from pivometer.errors import ShaftNotFoundError
 from pivometer.shaft.detection import ShaftSeed
 from pivometer.shaft.edges import fit_edges
 from pivometer.shaft.profile import limb
@@ -151,3 +152,13 @@ def test_tables_give_the_blurred_limb(half_px):
     np.testing.assert_allclose(value[0], exact, atol=2e-4)
     apart = np.array([(blurred(a + 1e-3) - blurred(a - 1e-3)) / 2e-3 for a in x[0]])
     np.testing.assert_allclose(slope[0], apart, atol=3e-3)
+
+
+def test_windows_of_single_edges_are_not_believed_where_blurs_meet(monkeypatch):
+    """They are taken where no model of both edges holds, and then see the other edge's blur."""
+    rng = np.random.default_rng(6)
+    monkeypatch.setattr("pivometer.shaft.edges.fit_defocused", lambda *_: None)
+    for _ in range(4):
+        image, truth = blurred_shaft(rng)
+        with pytest.raises(ShaftNotFoundError, match=r"their blurs meet.*focus the camera"):
+            fit_edges(image, CAMERA, ShaftSeed(truth + rng.uniform(-1, 1, (2, 2, 2)) * [1, 0]))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pivometer._arrays import Floats
 from pivometer.shaft.band_map import BandMap
 from pivometer.shaft.bands import EdgeLine, width_px
-from pivometer.shaft.evidence import LARGE_BLUR_PX, saturated_part
+from pivometer.shaft.evidence import blurs_meet, saturated_part
 from pivometer.shaft.fitted import FittedEdges
 from pivometer.shaft.profile import normal_cdf
 from pivometer.shaft.refusals import FARTHEST_PX
@@ -28,9 +28,6 @@ from pivometer.shaft.strip import CHUNK_ROWS
 from pivometer.shaft.thin import ThinRows, thin_rows
 
 Lines = tuple[EdgeLine, EdgeLine]
-
-BLURS_ACROSS = 10.0
-"""A shaft so many blurs wide shows more of its shading than a parabola holds."""
 
 WIDER = 1.3
 """The blur may turn out so much larger than another fit has it; if it is larger still, wider
@@ -150,7 +147,7 @@ def fit_defocused(
     blur_px
         The blur as another fit has it.
     """
-    if not _defocused(width_px(lines), blur_px * WIDER):
+    if not blurs_meet(width_px(lines), blur_px * WIDER):
         return None
     blur = float(np.clip(blur_px, *BLUR_RANGE_PX))
     found = _iterated(turned, maps, lines, blur)
@@ -158,13 +155,9 @@ def fit_defocused(
         found = _iterated(turned, maps, lines, found.blur_px)
     if found.weights.sum() < LEAST_USED * max(1.0, float(found.rows.valid.sum())):
         return None
-    if not _defocused(width_px(found.moved), found.blur_px) or _strays(found, lines):
+    if not blurs_meet(width_px(found.moved), found.blur_px) or _strays(found, lines):
         return None
     return _fitted(found, turned.dtype)
-
-
-def _defocused(width: float, blur_px: float) -> bool:
-    return blur_px > LARGE_BLUR_PX and width < BLURS_ACROSS * blur_px
 
 
 def _iterated(
@@ -388,6 +381,7 @@ def _fitted(found: _Found, depth: np.dtype[np.generic]) -> FittedEdges:
         counted=np.stack([rows.valid, rows.valid]) > 0,
         saturated_part=saturated_part(np.stack([rows.grey] * 2), both, depth),
         shading="ramp",
+        together=True,
     )
 
 

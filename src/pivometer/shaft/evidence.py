@@ -20,6 +20,9 @@ LOW_CONTRAST_NOISES = 5.0
 """Below, the error of one row is over half a pixel's blur, and rows can no longer be told apart."""
 
 LARGE_BLUR_PX = 2.0
+BLURS_ACROSS = 10.0
+"""Windows of five blurs to each side of both edges meet in a shaft so many blurs wide."""
+
 SATURATED_PART = 0.02
 RESPONSE_PX = 0.02
 """Below, point spreads that are not quite Gaussian look like a response that is not linear."""
@@ -39,6 +42,17 @@ class Evidence:
     deviation_px: Floats
     deviation_sigma_px: Floats
     warnings: tuple[str, ...]
+
+
+def blurs_meet(width_px: float, blur_px: float) -> bool:
+    """Tell whether edges are so blurred and so near each other that one reaches the other's window.
+
+    Examples
+    --------
+    >>> blurs_meet(20.0, 3.0), blurs_meet(40.0, 3.0), blurs_meet(7.0, 0.8)
+    (True, False, False)
+    """
+    return blur_px > LARGE_BLUR_PX and width_px < BLURS_ACROSS * blur_px
 
 
 def evidence(fitted: FittedEdges) -> Evidence:

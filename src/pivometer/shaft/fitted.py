@@ -131,6 +131,8 @@ class FittedEdges:
     shown_part
         Part of the chunks beside each edge in which what is known to stand behind the shaft shows,
         shape (2,); NaN where they do not tell.
+    together
+        Whether shading and both edges are one model, in which their blurs may meet.
     """
 
     start: tuple[EdgeLine, EdgeLine]
@@ -148,6 +150,7 @@ class FittedEdges:
     response_px: float = 0.0
     overshoot: Floats = field(default_factory=lambda: np.zeros(2))
     shown_part: Floats = field(default_factory=lambda: np.full(2, np.nan))
+    together: bool = False
 
     @property
     def lines(self) -> tuple[EdgeLine, EdgeLine]:

@@ -11,6 +11,7 @@ from pivometer.cameras.model import Camera
 from pivometer.errors import ShaftNotFoundError
 from pivometer.shaft.bands import EdgeLine, width_px
 from pivometer.shaft.detection import ShaftSeed
+from pivometer.shaft.evidence import BLURS_ACROSS, blurs_meet
 from pivometer.shaft.fitted import FittedEdges
 
 LEAST_ROWS = 20
@@ -24,6 +25,7 @@ LARGEST_TAPER = 0.5
 FARTHEST_PX = 4.0
 LARGEST_OVERSHOOT = 2.0
 LEAST_SHOWN = 0.5
+SINGLE = ("ramp", "limb", "clutter")
 """Refusals: fewer rows than 20 or a quarter of the seed's; contrast under twice the noise; an
 edge known to no better than half a pixel; edges closer than 3 px, or whose distance differs from
 the seed's by more than two seeds' errors and a fifth, or from end to end by more than a half; an
@@ -31,7 +33,7 @@ end that a fit moved by 4 px from where the search saw a grey step, which is goo
 step over twice the range of grey levels seen beside the edge: levels are then extrapolated to what
 no pixel shows, beside a highlight or a lane of brushed metal. In 14 drawn sessions 60 of 69 such
 edges were over 0.5 px off, the others 0.15 to 0.49 px; an edge beside which the background shows
-in less than half of the chunks that tell."""
+in less than half of the chunks that tell. Shadings of `SINGLE` have windows of one edge each."""
 
 
 def strays(fitted: FittedEdges) -> bool:
@@ -67,6 +69,7 @@ def refuse_fit(fitted: FittedEdges, seed: tuple[EdgeLine, EdgeLine]) -> None:
             next_step="soften the light, or put a background behind the shaft that differs from it",
         )
     refuse_width(width_px(lines), width_px(seed))
+    _refuse_meeting(fitted)
     gaps = [
         float(abs((lines[0].at(np.array(lever)) - lines[1].middle_px) @ lines[1].outward))
         for lever in (-1.0, 1.0)
@@ -93,6 +96,18 @@ def refuse_fit(fitted: FittedEdges, seed: tuple[EdgeLine, EdgeLine]) -> None:
                 f"levels at a noise of {noise:.1f} and is known to {sigma[edge]:.2f} px only",
                 next_step="put a background behind the shaft that differs from it in brightness",
             )
+
+
+def _refuse_meeting(fitted: FittedEdges) -> None:
+    """Raise `ShaftNotFoundError` where a window of one edge sees the other's blur."""
+    width, blur = width_px(fitted.lines), float(fitted.parameters[4])
+    if fitted.shading in SINGLE and not fitted.together and blurs_meet(width, blur):
+        raise ShaftNotFoundError(
+            f"the edges are {width:.0f} px apart and blurred by {blur:.1f} px, so that their blurs "
+            "meet, and no model of both together holds",
+            next_step="focus the camera on the shaft, stop its lens down, or come so close that "
+            f"the shaft is {BLURS_ACROSS:.0f} blurs wide",
+        )
 
 
 def refuse_outside(camera: Camera, seed: ShaftSeed) -> None:
