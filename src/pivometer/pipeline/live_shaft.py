@@ -17,14 +17,14 @@ import numpy as np
 from pivometer._arrays import Floats
 from pivometer.calibration import Calibration
 from pivometer.cameras import Camera
-from pivometer.errors import DataError, PivometerError, ShaftNotFoundError
+from pivometer.errors import DataError, PivometerError
 from pivometer.geometry.line import unit
 from pivometer.io.images import HashedImage, Image
 from pivometer.io.session import ImageFile, Session
 from pivometer.measurement import ImportedRig, Measurement
 from pivometer.pipeline.measuring import measure_edges
 from pivometer.pipeline.reading import ReadImage, read
-from pivometer.pipeline.shafts import SHAFT_ADVICE, Backdrop, empty_frame
+from pivometer.pipeline.shafts import Backdrop, empty_frame, fitted_at
 from pivometer.shaft.background import sampled
 from pivometer.shaft.concurrence import agreed_finders
 from pivometer.shaft.detection import (
@@ -35,7 +35,7 @@ from pivometer.shaft.detection import (
     ShaftSeed,
     learn_shaft,
 )
-from pivometer.shaft.edges import ShaftEdges, edge_normals, fit_edges
+from pivometer.shaft.edges import ShaftEdges, edge_normals
 from pivometer.shaft.triangulation import triangulate_centerline
 
 RELEARN = 1.5
@@ -199,24 +199,11 @@ class LiveShaft:
         return dict(zip(names, agreed, strict=True))
 
     def _fitted(self, one: ReadImage, camera: Camera) -> ShaftEdges | DataError:
-        learned = self._learned[camera.name]
-        try:
-            if not isinstance(one.outcome, HashedImage):
-                return one.outcome
-            seed = self._finders[camera.name].find(
-                one.outcome.image, sample=learned.samples.get(one.file)
-            )
-            if isinstance(seed, SeedRejection):
-                return ShaftNotFoundError(seed.reason, next_step=SHAFT_ADVICE)
-            return fit_edges(
-                one.outcome.image,
-                camera,
-                seed,
-                background=learned.empty,
-                backdrop=self._backdrops[camera.name],
-            )
-        except DataError as error:
-            return error.with_traceback(None)
+        if not isinstance(one.outcome, HashedImage):
+            return one.outcome
+        image, learned = one.outcome.image, self._learned[camera.name]
+        seed = self._finders[camera.name].find(image, sample=learned.samples.get(one.file))
+        return fitted_at(seed, image, camera, learned.empty, self._backdrops[camera.name])
 
     def glimpse(self, images: Mapping[str, Image]) -> LivePose:
         """Look for the shaft in one moment's pictures.

@@ -78,6 +78,22 @@ def camera_shafts(
     return _Look(session, camera, hint, progress).shafts()
 
 
+def fitted_at(
+    seed: ShaftSeed | SeedRejection,
+    image: Image,
+    camera: Camera,
+    empty: Image | None,
+    backdrop: Backdrop,
+) -> ShaftEdges | DataError:
+    """Fit the shaft's edges where a search found them, or say why there are none."""
+    if isinstance(seed, SeedRejection):
+        return ShaftNotFoundError(seed.reason, next_step=SHAFT_ADVICE)
+    try:
+        return fit_edges(image, camera, seed, background=empty, backdrop=backdrop)
+    except DataError as error:
+        return error.with_traceback(None)  # which would keep the image
+
+
 class Backdrop:
     """What stands behind the shaft, as frames tell; found out when it is first asked for.
 
@@ -142,14 +158,10 @@ class _Look:
             image = usable(frame, (self.camera.width, self.camera.height))
             if self.finder is None:
                 return ShaftNotFoundError(_NO_SAMPLE, next_step=SHAFT_ADVICE)
-            seed = self._seed(self.finder, frame.file.view, image)
-            if isinstance(seed, SeedRejection):
-                return ShaftNotFoundError(seed.reason, next_step=SHAFT_ADVICE)
-            return fit_edges(
-                image, self.camera, seed, background=self._background, backdrop=self._backdrop
-            )
         except DataError as error:
             return error.with_traceback(None)  # which would keep the image
+        seed = self._seed(self.finder, frame.file.view, image)
+        return fitted_at(seed, image, self.camera, self._background, self._backdrop)
 
     def _seed(self, finder: ShaftFinder, view: str, image: Image) -> ShaftSeed | SeedRejection:
         if view not in self._seeds:
