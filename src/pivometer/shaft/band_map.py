@@ -30,6 +30,13 @@ def _nodes(count: int) -> tuple[Floats, Floats]:
     return nodes, np.linalg.inv(np.vander(nodes, increasing=True))
 
 
+def near_lines(
+    maps: tuple[BandMap, BandMap], lines: tuple[EdgeLine, EdgeLine]
+) -> tuple[BandMap, BandMap]:
+    """Return the maps of both edges about other lines near by."""
+    return maps[0].towards(lines[0]), maps[1].towards(lines[1])
+
+
 def _powers(x: Floats, count: int) -> Floats:
     """Return 1, x, … x^(count − 1) along a new last axis."""
     powers = np.empty((*x.shape, count))

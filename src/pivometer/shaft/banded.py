@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap
+from pivometer.shaft.band_map import BandMap, near_lines
 from pivometer.shaft.bands import EdgeLine, width_px
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
@@ -95,13 +95,11 @@ def fit_banded(
     half = width_px(lines) / 2
     if half < LEAST_HALF_PX:
         return None
-    near = maps[0].towards(lines[0]), maps[1].towards(lines[1])
+    near = near_lines(maps, lines)
     inner = min(INNER_PX, half)
     if not _is_banded(turned, near, half):
         return None
-    bands = strip(
-        turned, near, lines, near_px=(inner + 1, OUTER_PX + 1), inner_px=0.0, outer_px=0.0
-    )
+    bands = strip(turned, near, lines, near_px=(inner + 1, OUTER_PX + 1))
     estimate = np.array([0.0, 0.0, 0.0, 0.0, FIRST_BLUR_PX])
     for _ in range(ITERATIONS):
         rows = _linearized(bands, estimate, inner)

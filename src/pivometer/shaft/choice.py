@@ -70,7 +70,7 @@ def chosen_rung(rungs: Sequence[Rung], said: Callable[[Rung], Said]) -> tuple[Ru
     if best.inner_px <= COMPLEX_PX:
         excess.append((said(rungs[-1]).offset_px - own.offset_px) ** 2 / 4)
         return best, float(np.sqrt(np.max(excess)))
-    return best, float(np.sqrt(max(float(np.mean(excess)), 0.0))) if excess else 0.0
+    return best, _spread(excess) if excess else 0.0
 
 
 def spread_if_holds(own: Said, others: Sequence[Said]) -> float | None:
@@ -87,7 +87,12 @@ def spread_if_holds(own: Said, others: Sequence[Said]) -> float | None:
     holds = bool(fitting) and own.misfit < LARGEST_MISFIT
     if not (holds and all(_agrees(own, other) for other in fitting)):
         return None
-    return float(np.sqrt(max(float(np.mean([_excess(own, other) for other in fitting])), 0.0)))
+    return _spread([_excess(own, other) for other in fitting])
+
+
+def _spread(excess: Sequence[float]) -> float:
+    """Return the root of a mean excess that may be negative by chance, px."""
+    return float(np.sqrt(max(float(np.mean(excess)), 0.0)))
 
 
 def _agrees(one: Said, other: Said) -> bool:

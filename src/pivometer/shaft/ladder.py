@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap
+from pivometer.shaft.band_map import BandMap, near_lines
 from pivometer.shaft.bands import EdgeLine, halves_px, width_px
 from pivometer.shaft.choice import Said, chosen_rung, spread_if_holds
 from pivometer.shaft.evidence import saturated_part
@@ -230,8 +230,8 @@ def fit_ladder(
         return None
     rungs = [rung for rung in RUNGS if rung.inner_px * widen <= width_px(lines) / 2]
     reach = rungs[0].inner_px * widen + SPARE_PX, RUNGS[0].outer_px * widen + SPARE_PX
-    near = maps[0].towards(lines[0]), maps[1].towards(lines[1])
-    bands = strip(turned, near, lines, near_px=reach, inner_px=0.0, outer_px=0.0)
+    near = near_lines(maps, lines)
+    bands = strip(turned, near, lines, near_px=reach)
     half = halves_px(lines, bands.lever[..., bands.lever.shape[2] // 2, None]) * bands.scale
     behind = None
     if background is not None:

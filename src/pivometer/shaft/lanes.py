@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap
+from pivometer.shaft.band_map import BandMap, near_lines
 from pivometer.shaft.bands import width_px
 from pivometer.shaft.beside import best_levels, hats, shown_part
 from pivometer.shaft.fitted import FittedEdges
@@ -83,8 +83,8 @@ def with_lanes(
     blur = Blur(float(fitted.parameters[4]), BLUR_SIGMA_PX)
     widen = max(1.0, blur.mean_px)
     reach = WINDOW.inner_px * widen + SPARE_PX, WINDOW.outer_px * widen + SPARE_PX
-    near = maps[0].towards(lines[0]), maps[1].towards(lines[1])
-    bands = strip(turned, near, lines, near_px=reach, inner_px=0.0, outer_px=0.0)
+    near = near_lines(maps, lines)
+    bands = strip(turned, near, lines, near_px=reach)
     behind, known = known_behind(background, near, reach, bands.x_px)
     rows = bands.valid * known * fitted.accepted_at(bands.lever.mean(axis=-1))
     half = np.full_like(bands.scale, width_px(lines) / 2)

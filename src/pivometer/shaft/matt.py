@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap
+from pivometer.shaft.band_map import BandMap, near_lines
 from pivometer.shaft.bands import EdgeLine, halves_px
 from pivometer.shaft.rungs import (
     IN,
@@ -31,6 +31,7 @@ from pivometer.shaft.rungs import (
 )
 from pivometer.shaft.samples import Samples, binned, pixels
 from pivometer.shaft.strip import strip
+from pivometer.shaft.whole_width import LARGEST_HALF_PX
 
 Lines = tuple[EdgeLine, EdgeLine]
 
@@ -40,9 +41,6 @@ SPARE_PX = 1.0
 OWN, COMMON = 2, 3
 LEVELS = 2 * OWN + COMMON
 """Of a chunk: outside a level and a ramp beside either edge, inside a, b and c."""
-
-LARGEST_HALF_PX = 60.0
-"""As for `whole_width`."""
 
 HOPELESS_MISFIT = 30.0
 """A misfit that is left if the model is taken as linear; at ten times what counts no step helps."""
@@ -123,9 +121,9 @@ def _across(
     reach = float(ends.max()) + SPARE_PX
     if reach > LARGEST_HALF_PX:
         return None
-    near = maps[0].towards(lines[0]), maps[1].towards(lines[1])
+    near = near_lines(maps, lines)
     outer = ROUND.outer_px + SPARE_PX
-    bands = strip(turned, near, lines, near_px=(reach, outer), inner_px=0.0, outer_px=0.0)
+    bands = strip(turned, near, lines, near_px=(reach, outer))
     half = halves_px(lines, bands.lever[..., bands.lever.shape[2] // 2, None]) * bands.scale
     seen = pixels(bands, half, rows * bands.valid, None, slice(None))
     means = binned(seen, parameters, (-float(half.max()) - SPARE_PX, ROUND.outer_px))

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap
+from pivometer.shaft.band_map import BandMap, near_lines
 from pivometer.shaft.bands import EdgeLine
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
@@ -219,7 +219,7 @@ def _coarse(
     reach = NEAR_SIGMAS * FIRST_BLUR_PX + 2.0 + COARSE_FAR_PX
     bands = strip(
         turned,
-        (maps[0].towards(lines[0]), maps[1].towards(lines[1])),
+        near_lines(maps, lines),
         lines,
         near_px=(NEAR_SIGMAS * FIRST_BLUR_PX + 1.0,) * 2,
         inner_px=min(reach, half),

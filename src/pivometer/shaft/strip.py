@@ -59,8 +59,8 @@ def strip(
     lines: Lines,
     *,
     near_px: tuple[float, float],
-    inner_px: float,
-    outer_px: float,
+    inner_px: float = 0.0,
+    outer_px: float = 0.0,
 ) -> Strip:
     """Gather both edges' columns.
 
@@ -73,7 +73,7 @@ def strip(
     near_px
         Reach of the near columns inside and outside, raw px.
     inner_px, outer_px
-        Reach of the far ones, raw px.
+        Reach of the far ones, raw px; by default there are none to speak of.
     """
     near, beyond = _columns(maps, near_px)
     slant = max(m.slant for m in maps)

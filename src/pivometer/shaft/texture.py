@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap
+from pivometer.shaft.band_map import BandMap, near_lines
 from pivometer.shaft.bands import width_px
 from pivometer.shaft.fitted import FittedEdges
 from pivometer.shaft.profile import normal_cdf
@@ -59,23 +59,22 @@ def with_texture(
     lines, blur = fitted.lines, float(fitted.parameters[4])
     widen, width = max(1.0, blur), width_px(fitted.lines)
     inner = min(REACH_PX * widen, width / 2)
-    near = maps[0].towards(lines[0]), maps[1].towards(lines[1])
+    weights, depths = _weights(blur, widen), np.arange(-inner, -CLEAR_PX * widen, BIN_PX)
+    if len(depths) < len(weights):
+        return fitted
+    near = near_lines(maps, lines)
     reach = max(inner, WINDOW_PX * widen), WINDOW_PX * widen
-    bands = strip(turned, near, lines, near_px=reach, inner_px=0.0, outer_px=0.0)
+    bands = strip(turned, near, lines, near_px=reach)
     rows = bands.valid * fitted.accepted_at(bands.lever.mean(axis=-1))
     half = np.full_like(bands.scale, width / 2)
     samples = pixels(bands, half, rows, None, slice(None))
     sides = samples.of_edge(0), samples.of_edge(1)
-    weights = _weights(blur, widen)
-    depths = np.arange(-inner, -CLEAR_PX * widen, BIN_PX)
-    if len(depths) < len(weights):
-        return fitted
     squares = [_squares(side, depths, weights, widen, fitted.noise_grey) for side in sides]
     variance = max(float(np.percentile(np.concatenate(squares), QUARTILE)), 0.0)
     covariance = fitted.covariance.copy()
     for edge, side in enumerate(sides):
-        moved = _moved(side, widen)
-        covariance[2 * edge : 2 * edge + 2, 2 * edge : 2 * edge + 2] += variance * np.outer(*moved)
+        at, moved = slice(2 * edge, 2 * edge + 2), _moved(side, widen)
+        covariance[at, at] += variance * np.outer(moved, moved)
     return replace(fitted, covariance=covariance)
 
 
@@ -137,8 +136,8 @@ def _smoothing(count: int, reach: int) -> Floats:
     return matrix
 
 
-def _moved(side: Samples, widen: float) -> tuple[Floats, Floats]:
-    """Return offset and tilt of an edge that lanes of unit effect move, by the contrasts, twice.
+def _moved(side: Samples, widen: float) -> Floats:
+    """Return by what offset and tilt lanes of unit effect move an edge, by the contrasts.
 
     Where the background is darker in one place and brighter in another, lanes move the edge in and
     out, and their effects cancel in part.
@@ -154,5 +153,4 @@ def _moved(side: Samples, widen: float) -> tuple[Floats, Floats]:
     lever = np.stack([np.ones_like(step), side.lever.mean(axis=1)])
     normal = (lever * weight * step**2) @ lever.T
     normal[range(2), range(2)] += 1e-9 * normal.diagonal() + 1e-9
-    moved = np.asarray(np.linalg.solve(normal, lever @ (weight * step)))
-    return moved, moved
+    return np.asarray(np.linalg.solve(normal, lever @ (weight * step)))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap
+from pivometer.shaft.band_map import BandMap, near_lines
 from pivometer.shaft.bands import EdgeLine, tapers_px, width_px
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.glossy import Glossy, Profile, fit_glossy
@@ -57,9 +57,9 @@ def fit_whole_width(
     width = width_px(lines)
     if width / 2 > LARGEST_HALF_PX:
         return None
-    near = maps[0].towards(lines[0]), maps[1].towards(lines[1])
+    near = near_lines(maps, lines)
     reach = float(width / 2 + np.abs(tapers_px(lines)).max() + 1)
-    bands = strip(turned, near, lines, near_px=(reach, OUTER_PX + 1), inner_px=0.0, outer_px=0.0)
+    bands = strip(turned, near, lines, near_px=(reach, OUTER_PX + 1))
     middle = bands.lever[..., bands.lever.shape[2] // 2, None]
     half = np.maximum(width / 2 + tapers_px(lines)[..., 0] * middle, 1.0)
     profile = profile_across(bands, half, rows * bands.valid, turned.dtype)
