@@ -1,5 +1,6 @@
 """Scenes of a shaft by dense supersampling, which share no formula with the fits."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -101,45 +102,97 @@ def render(
             for side in (-1, 1)
         ]
     )
-    fine = (np.arange(FACTOR) + 0.5) / FACTOR - 0.5
-    x = (np.arange(camera.width)[:, None] + fine).ravel()
-    y = (np.arange(camera.height)[:, None] + fine).ravel()
-    scene = Scene(camera, np.zeros((0, 0)), edges, psf_px)
-    # Rows of fine samples in strips, so that the undistortion never holds millions of points.
-    grid = np.stack(np.meshgrid(x, y), axis=-1)
-    points = grid
-    if camera.distortion.any():
-        small = np.stack(np.meshgrid(x[:: FACTOR // 2], y[:: FACTOR // 2]), axis=-1)
-        moved = camera.undistorted_pixels(small) - small
-        points = grid + _upsampled(moved, x, y, FACTOR // 2)
-    away = points - centre
-    s, d = away @ along, away @ across
-    half = width_px / 2 * (1 + taper * s / half_length)
-    xi = np.clip(d / half, -1, 1)
-    slope = np.hypot(1, width_px / 2 * taper / half_length)
-    gap = (half - np.abs(d)) / slope
-    cover = np.clip(gap * FACTOR + 0.5, 0, 1)
-    level = inside * (1 - limb + limb * np.sqrt(1 - xi**2) + side_light * xi)
-    if gloss_at is not None:
-        level = level + 170 * np.exp(-(((xi - gloss_at) / 0.15) ** 2))
-    if oblique_deg is not None:
-        lit = np.clip(np.cos(np.arcsin(xi) - np.radians(oblique_deg)), 0, None)
-        level = 70 + 60 * lit + 90 * lit**8
-    if lamp_deg is not None:
-        level = 50 + 120 * np.clip(np.cos(np.arcsin(xi) - np.radians(lamp_deg)), 0, None)
-    level = level + uneven * np.cos(2 * np.arcsin(xi))
-    sharp = outside + (level - outside) * cover
-    blurred = cv2.GaussianBlur(sharp, (0, 0), psf_px * FACTOR, borderType=cv2.BORDER_REPLICATE)
-    clean = blurred.reshape(camera.height, FACTOR, camera.width, FACTOR).mean(axis=(1, 3))
-    return Scene(camera, clean, scene.edges_px, psf_px)
+    textured = isinstance(outside, np.ndarray)
+    clean = (
+        _pictured(outside, psf_px)
+        if textured
+        else np.full((camera.height, camera.width), float(outside))
+    )
+    for tile in _tiles(camera, psf_px):
+        if abs((tile.middle_px - centre) @ across) > halves.max() + tile.reach_px:
+            continue
+        x, y = tile.away_px(centre)
+        s, d = x * along[0] + y * along[1], x * across[0] + y * across[1]
+        half = width_px / 2 * (1 + taper * s / half_length)
+        xi = np.clip(d / half, -1, 1)
+        slope = np.hypot(1, width_px / 2 * taper / half_length)
+        gap = (half - np.abs(d)) / slope
+        cover = np.clip(gap * FACTOR + 0.5, 0, 1)
+        ahead = np.sqrt(1 - xi**2)  # xi and this are sine and cosine of the place around the axis
+        level = inside * (1 - limb + limb * ahead + side_light * xi) + uneven * (1 - 2 * xi**2)
+        if gloss_at is not None:
+            level = level + 170 * np.exp(-(((xi - gloss_at) / 0.15) ** 2))
+        if oblique_deg is not None:
+            lit = _facing(xi, ahead, oblique_deg)
+            level = 70 + 60 * lit + 90 * lit**8
+        if lamp_deg is not None:
+            level = 50 + 120 * _facing(xi, ahead, lamp_deg) + uneven * (1 - 2 * xi**2)
+        behind = outside[np.ix_(*tile.samples)] if textured else outside
+        clean[tile.pixels] += tile.exposed((level - behind) * cover)
+    return Scene(camera, clean, edges, psf_px)
 
 
-def _upsampled(coarse: Floats, x: Floats, y: Floats, step: int) -> Floats:
-    """Cubic interpolation of a smooth field from every `step`-th sample to all of them."""
-    fields = [
-        RectBivariateSpline(y[::step], x[::step], coarse[..., k])(y, x, grid=True) for k in range(2)
-    ]
-    return np.stack(fields, axis=-1)
+def _facing(sine: Floats, cosine: Floats, lamp_deg: float) -> Floats:
+    lamp = np.radians(lamp_deg)
+    return np.clip(cosine * np.cos(lamp) + sine * np.sin(lamp), 0, None)
+
+
+@dataclass(frozen=True)
+class _Tile:
+    """Part of an image and the samples it is made of."""
+
+    camera: Camera
+    pixels: tuple[slice, slice]
+    samples: tuple[Floats, Floats]  # rows and columns of samples, the outermost repeated
+    blurs: tuple[Floats, Floats]  # weights of rows and of columns, (pixels, samples)
+
+    @property
+    def middle_px(self) -> Floats:
+        rows, columns = (samples[[0, -1]].mean() for samples in self.samples)
+        return self.camera.undistorted_pixels(_sample_px(np.array([columns, rows])))
+
+    @property
+    def reach_px(self) -> float:
+        """Farthest sample from the middle, by half more for what a lens does."""
+        return 0.75 * np.hypot(*(len(samples) for samples in self.samples)) / FACTOR
+
+    def away_px(self, point_px: Floats) -> tuple[Floats, Floats]:
+        """Return what all samples are away from a point, undistorted px, (rows, columns) each."""
+        y, x = (_sample_px(samples) for samples in self.samples)
+        if not self.camera.distortion.any():
+            return x - point_px[0], (y - point_px[1])[:, None]
+        knots = [np.linspace(at[0], at[-1], len(at) // (FACTOR // 2)) for at in (x, y)]
+        coarse = np.stack(np.meshgrid(*knots), axis=-1)
+        moved = self.camera.undistorted_pixels(coarse) - point_px
+        return tuple(RectBivariateSpline(*knots[::-1], moved[..., k])(y, x) for k in range(2))
+
+    def exposed(self, sharp: Floats) -> Floats:
+        down, right = self.blurs
+        return down @ sharp @ right.T
+
+
+def _tiles(camera: Camera, psf_px: float) -> Iterator[_Tile]:
+    for rows, rows_of, down in _spans(camera.height, psf_px):
+        for columns, columns_of, right in _spans(camera.width, psf_px):
+            yield _Tile(camera, (rows, columns), (rows_of, columns_of), (down, right))
+
+
+def _sample_px(samples: Floats) -> Floats:
+    return (samples + 0.5) / FACTOR - 0.5
+
+
+def _spans(size: int, psf_px: float, length: int = 24) -> Iterator[tuple[slice, Floats, Floats]]:
+    """Yield pixels, the samples they are made of, and with which weights."""
+    reach = int(np.ceil(5 * psf_px * FACTOR))
+    kernel = cv2.getGaussianKernel(2 * reach + 1, psf_px * FACTOR).ravel()
+    pixel = np.convolve(kernel, np.full(FACTOR, 1 / FACTOR))
+    for first in range(0, size, length):
+        last = min(first + length, size)
+        weights = np.zeros((last - first, (last - first) * FACTOR + 2 * reach))
+        for i, row in enumerate(weights):
+            row[i * FACTOR : i * FACTOR + len(pixel)] = pixel
+        samples = np.arange(first * FACTOR - reach, last * FACTOR + reach)
+        yield slice(first, last), np.clip(samples, 0, size * FACTOR - 1), weights
 
 
 def clutter(camera, rng):
@@ -154,6 +207,10 @@ def clutter(camera, rng):
 
 def pictured(texture: Floats, scene: Scene) -> Floats:
     """Return what a scene's camera sees of texture without the shaft."""
-    camera = scene.camera
-    blurred = cv2.GaussianBlur(texture, (0, 0), scene.psf_px * FACTOR)
-    return blurred.reshape(camera.height, FACTOR, camera.width, FACTOR).mean(axis=(1, 3))
+    return _pictured(texture, scene.psf_px)
+
+
+def _pictured(texture: Floats, psf_px: float) -> Floats:
+    height, width = (size // FACTOR for size in texture.shape)
+    blurred = cv2.GaussianBlur(texture, (0, 0), psf_px * FACTOR, borderType=cv2.BORDER_REPLICATE)
+    return blurred.reshape(height, FACTOR, width, FACTOR).mean(axis=(1, 3))
