@@ -1,4 +1,4 @@
-"""The examples run, with fewer poses than they take."""
+"""The examples run, with fewer poses and experiments than they take."""
 
 import runpy
 from pathlib import Path
@@ -15,5 +15,7 @@ def test_there_are_examples() -> None:
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.name)
 def test_an_example_runs(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    runpy.run_path(str(file))["main"](tmp_path, poses=8)
+    example = runpy.run_path(str(file))
+    example["PAPER"].pop("gold")
+    example["main"](tmp_path, poses=8)
     assert "RCM error, rms" in capsys.readouterr().out
