@@ -225,6 +225,17 @@ def test_the_shading_of_the_whole_width_tells_the_centre_of_oblique_metal(obliqu
     assert np.abs(outward.mean(axis=1) / edges.sigma_px).max() < 3
 
 
+def test_the_whole_width_is_understood_where_it_tapers():
+    """Rows of one part reach differently far to the axis, where the shading is steep."""
+    scene = render(camera_of(640, 480), width_px=24.0, taper=0.3, oblique_deg=-42.0)
+    image = np.clip(np.rint(scene.with_noise(NOISE, np.random.default_rng(1))), 0, 255)
+    edges = fit_edges(image.astype(np.uint8), scene.camera, ShaftSeed(scene.seed_px))
+    assert edges.shading == "highlight"
+    outward = scene.offsets_px(edges.points_px)
+    assert np.abs(outward.mean(axis=1) / edges.sigma_px).max() < 3
+    assert np.abs((outward[0] - outward[1]) / 2).max() < 3 * 0.015
+
+
 def test_a_step_that_no_pixel_shows_is_refused():
     scene, image = glossy(9.5, 0.6)
     with pytest.raises(ShaftNotFoundError, match="times the range of grey levels"):

@@ -106,6 +106,22 @@ def test_errors_are_as_stated(shading):
     assert np.sqrt(np.mean(np.square(scores))) < 1.53
 
 
+def test_a_highlight_beyond_the_limb_is_not_taken_for_a_likelier_one_before_it():
+    def grazing(angle):
+        lit = np.clip(np.cos(angle - np.radians(62)), 0, None)
+        return 70 + 60 * lit + 90 * lit**12.4
+
+    rng = np.random.default_rng(1)
+    contrast = np.array([0.5, 0.0, -0.5, 0.0, 0.0])
+    for _ in range(3):
+        found = fit_glossy(profile_of(grazing, 2.0, rng), 2.0, Blur(), 0.85)
+        assert found is not None
+        # One beyond the limb leaves the centre three times less certain.
+        sigma = np.sqrt(contrast @ found.covariance @ contrast)
+        assert sigma < 0.04
+        assert abs(contrast @ (found.parameters - TRUTH)) < 3 * sigma
+
+
 def test_what_a_mirroring_rim_moves_is_told():
     plain, share = diffuse_and_one_highlight, 0.05
     levels = plain(np.pi / 2), plain(-np.pi / 2)

@@ -53,6 +53,11 @@ TRIAL_STEPS = 4
 different ones are tried with a few steps, until one leaves no more than noise; then the best that
 converges counts."""
 
+RIM_RAD = 1.4
+"""Beyond it a highlight is much like a shift of the edge, and misfits do not tell which it is: in 3
+of 400 drawn scenes of oblique metal, and nowhere else, centres were 0.14 px off by such ones. A fit
+that ends there counts only if it is likelier than the next best that does not."""
+
 HOPELESS_MISFIT = 10.0
 """A fit that promises no better is given up, at twice the misfit that counts at most: finding g's
 height took a tenth off it in 24 images. So is a start from which two steps, as good as the first
@@ -163,6 +168,12 @@ class _System:
         return np.clip(np.linalg.solve(damped, self.gradient), -STEP_LIMITS, STEP_LIMITS)
 
     @property
+    def improbability(self) -> float:
+        """−2 log of the marginal likelihood (Laplace) but for a constant, whatever the levels."""
+        volume = np.linalg.slogdet(self.gram)[1] + np.linalg.slogdet(self.information)[1]
+        return self.cost + float(volume)
+
+    @property
     def least(self) -> float:
         """The cost that the best step promises."""
         return self.cost - float(self.gradient @ np.linalg.solve(self.information, self.gradient))
@@ -175,6 +186,11 @@ class _Found(NamedTuple):
     system: _System
     damping: float = 1e-3
     done: bool = False
+
+    @property
+    def at_rim(self) -> bool:
+        """Whether the highlight lies where it is much like a shift of the edge."""
+        return bool(abs(self.parameters[5]) > RIM_RAD)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -397,13 +413,19 @@ class _Model:
             trial = self.followed(start, TRIAL_STEPS)
             if self.misfit(trial.system.cost) < GOOD_MISFIT:
                 trial = self.followed(trial, ITERATIONS)
-                if trial.done:
+                if trial.done and not trial.at_rim:
                     return trial
             trials.append(trial)
         trials.sort(key=lambda trial: trial.system.cost)
-        hopeful = [t for t in trials if self.misfit(t.system.least) < HOPELESS_MISFIT]
-        ends = (self.followed(trial, ITERATIONS) for trial in hopeful)
-        return next((end for end in ends if end.done), None)
+        ends: list[_Found] = []
+        for trial in trials:
+            if self.misfit(trial.system.least) < HOPELESS_MISFIT:
+                end = self.followed(trial, ITERATIONS)
+                if end.done:
+                    ends.append(end)
+                    if not end.at_rim:
+                        break
+        return min(ends, key=lambda end: end.system.improbability, default=None)
 
     def moved_by_rim(self, found: _Found) -> Floats:
         """Return how far the parameters are off if the rim mirrors as is likely, shape (8,)."""

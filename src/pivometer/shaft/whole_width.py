@@ -85,10 +85,14 @@ def profile_across(
     half = half_px * bands.scale
     columns = int(np.ceil((float(half.max()) + OUTER_PX) / BIN_PX))
     place = np.floor((OUTER_PX - bands.x_px) / BIN_PX).astype(np.intp)
-    used = rows[..., None] * ((bands.x_px > -half) & (place >= 0) & (place < columns))
     seen = np.flatnonzero(rows.any(axis=0))
     limits = np.quantile(seen, np.arange(1, PARTS) / PARTS) if seen.size else np.zeros(PARTS - 1)
     part = np.searchsorted(limits, np.arange(rows.shape[1]))[:, None]
+    # A bin at the axis that only the wider rows of a part reach would tell of their shading.
+    narrowest = np.full(PARTS, np.inf)
+    np.minimum.at(narrowest, part[seen, 0], half[:, seen].min(axis=(0, 2)))
+    within = (OUTER_PX + narrowest[part]) / BIN_PX
+    used = rows[..., None] * ((place >= 0) & (place < columns) & (place + 1 <= within))
     edge = np.arange(2)[:, None, None]
     index = ((2 * part + edge) * columns + np.clip(place, 0, columns - 1)).ravel()
 
