@@ -1,13 +1,14 @@
 """The fit of a shaft with bands around it: grey levels jump along it, not across.
 
 A white-banded shaft has another grey level after every few rows, so levels in common to a chunk of
-rows do not hold. Each row gets its own level on either side of the edge. That costs no certainty:
-the rows' designs are alike, so levels in common leave an edge's offset the same information.
+rows do not hold. Each place along the shaft, a row where it stands upright, gets its own level on
+either side of the edge. That costs no certainty: the places' designs are alike, so levels in common
+leave an edge's offset the same information.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +100,7 @@ def fit_banded(
     inner = min(INNER_PX, half)
     if not _is_banded(turned, near, half):
         return None
-    bands = strip(turned, near, lines, near_px=(inner + 1, OUTER_PX + 1))
+    bands = _by_place(strip(turned, near, lines, near_px=(inner + 1, OUTER_PX + 1)), maps, lines)
     estimate = np.array([0.0, 0.0, 0.0, 0.0, FIRST_BLUR_PX])
     for _ in range(ITERATIONS):
         rows = _linearized(bands, estimate, inner)
@@ -147,6 +148,28 @@ def _is_banded(turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], half_
     jumps = (high - low)[there.sum(axis=-1) > CHUNK_ROWS // 2]
     limit = max(JUMP_NOISES * max(noise, 0.3), JUMP_CONTRAST * contrast)
     return bool(jumps.size and (jumps > limit).mean() > BANDED_PART)
+
+
+def _by_place(
+    bands: Strip, maps: tuple[BandMap, BandMap], lines: tuple[EdgeLine, EdgeLine]
+) -> Strip:
+    """Return a strip each of whose rows is a place along the shaft, which leans in the image."""
+    every = int(np.diff(maps[0].rows[:2]).sum())
+    rows = np.arange(bands.valid.shape[1])[:, None]
+    sources = []
+    for x, line in zip(bands.x_px, lines, strict=True):
+        along = line.half_px / np.linalg.norm(line.half_px)
+        further = x.mean(axis=0) * along[0] * along[1] / line.outward[0] / every
+        sources.append(rows - np.rint(further).astype(np.intp))
+    source = np.array(sources)
+    inside = (source >= 0) & (source < len(rows))
+    source = np.clip(source, 0, len(rows) - 1)
+    valid = np.take_along_axis(bands.valid[..., None], source, axis=1) * inside
+    near, x_px, lever = (
+        np.take_along_axis(values, source, axis=1)
+        for values in (bands.near, bands.x_px, bands.lever)
+    )
+    return replace(bands, near=near, x_px=x_px, lever=lever, valid=valid.min(axis=-1))
 
 
 def _linearized(bands: Strip, estimate: Floats, inner_px: float) -> _Rows:
