@@ -157,9 +157,10 @@ def _by_place(
     every = int(np.diff(maps[0].rows[:2]).sum())
     rows = np.arange(bands.valid.shape[1])[:, None]
     sources = []
-    for x, line in zip(bands.x_px, lines, strict=True):
+    for x, counts, line in zip(bands.x_px, bands.valid, lines, strict=True):
         along = line.half_px / np.linalg.norm(line.half_px)
-        further = x.mean(axis=0) * along[0] * along[1] / line.outward[0] / every
+        distance = counts @ x / max(counts.sum(), 1.0)
+        further = distance * along[0] * along[1] / line.outward[0] / every
         sources.append(rows - np.rint(further).astype(np.intp))
     source = np.array(sources)
     inside = (source >= 0) & (source < len(rows))

@@ -55,8 +55,8 @@ converges counts."""
 
 RIM_RAD = 1.4
 """Beyond it a highlight is much like a shift of the edge, and misfits do not tell which it is: in 3
-of 400 drawn scenes of oblique metal, and nowhere else, centres were 0.14 px off by such ones. A fit
-that ends there counts only if it is likelier than the next best that does not."""
+of 400 drawn scenes of oblique metal centres were 0.14 px off by such ones. A fit that ends there
+counts only if it is likelier than the next best that does not."""
 
 HOPELESS_MISFIT = 10.0
 """A fit that promises no better is given up, at twice the misfit that counts at most: finding g's

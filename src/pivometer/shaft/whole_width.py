@@ -92,7 +92,7 @@ def profile_across(
     narrowest = np.full(PARTS, np.inf)
     np.minimum.at(narrowest, part[seen, 0], half[:, seen].min(axis=(0, 2)))
     within = (OUTER_PX + narrowest[part]) / BIN_PX
-    used = rows[..., None] * ((place >= 0) & (place < columns) & (place + 1 <= within))
+    used = rows[..., None] * ((place >= 0) & (place + 1 <= within))
     edge = np.arange(2)[:, None, None]
     index = ((2 * part + edge) * columns + np.clip(place, 0, columns - 1)).ravel()
 
