@@ -100,7 +100,7 @@ def fit_banded(
     inner = min(INNER_PX, half)
     if not _is_banded(turned, near, half):
         return None
-    bands = _by_place(strip(turned, near, lines, near_px=(inner + 1, OUTER_PX + 1)), maps, lines)
+    bands = _by_place(strip(turned, near, lines, near_px=(inner + 1, OUTER_PX + 1)))
     estimate = np.array([0.0, 0.0, 0.0, 0.0, FIRST_BLUR_PX])
     for _ in range(ITERATIONS):
         rows = _linearized(bands, estimate, inner)
@@ -150,21 +150,22 @@ def _is_banded(turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], half_
     return bool(jumps.size and (jumps > limit).mean() > BANDED_PART)
 
 
-def _by_place(
-    bands: Strip, maps: tuple[BandMap, BandMap], lines: tuple[EdgeLine, EdgeLine]
-) -> Strip:
+def _by_place(bands: Strip) -> Strip:
     """Return a strip each of whose rows is a place along the shaft, which leans in the image."""
-    every = int(np.diff(maps[0].rows[:2]).sum())
-    rows = np.arange(bands.valid.shape[1])[:, None]
+    if (bands.valid.sum(axis=1) < 2).any():
+        return bands
+    count, middle = bands.valid.shape[1], bands.lever.shape[2] // 2
+    rows = np.arange(count)[:, None]
     sources = []
-    for x, counts, line in zip(bands.x_px, bands.valid, lines, strict=True):
-        along = line.half_px / np.linalg.norm(line.half_px)
-        distance = counts @ x / max(counts.sum(), 1.0)
-        further = distance * along[0] * along[1] / line.outward[0] / every
+    for lever, counts in zip(bands.lever, bands.valid, strict=True):
+        beside = counts @ lever / counts.sum()
+        away = counts * (rows[:, 0] - counts @ rows[:, 0] / counts.sum())
+        by_row = away @ lever[:, middle] / (away @ away)
+        further = (beside - beside[middle]) / by_row
         sources.append(rows - np.rint(further).astype(np.intp))
     source = np.array(sources)
-    inside = (source >= 0) & (source < len(rows))
-    source = np.clip(source, 0, len(rows) - 1)
+    inside = (source >= 0) & (source < count)
+    source = np.clip(source, 0, count - 1)
     valid = np.take_along_axis(bands.valid[..., None], source, axis=1) * inside
     near, x_px, lever = (
         np.take_along_axis(values, source, axis=1)
