@@ -119,14 +119,15 @@ def render(
         gap = (half - np.abs(d)) / slope
         cover = np.clip(gap * FACTOR + 0.5, 0, 1)
         ahead = np.sqrt(1 - xi**2)  # xi and this are sine and cosine of the place around the axis
-        level = inside * (1 - limb + limb * ahead + side_light * xi) + uneven * (1 - 2 * xi**2)
+        level = inside * (1 - limb + limb * ahead + side_light * xi)
         if gloss_at is not None:
             level = level + 170 * np.exp(-(((xi - gloss_at) / 0.15) ** 2))
         if oblique_deg is not None:
             lit = _facing(xi, ahead, oblique_deg)
             level = 70 + 60 * lit + 90 * lit**8
         if lamp_deg is not None:
-            level = 50 + 120 * _facing(xi, ahead, lamp_deg) + uneven * (1 - 2 * xi**2)
+            level = 50 + 120 * _facing(xi, ahead, lamp_deg)
+        level = level + uneven * (1 - 2 * xi**2)
         behind = outside[np.ix_(*tile.samples)] if textured else outside
         clean[tile.pixels] += tile.exposed((level - behind) * cover)
     return Scene(camera, clean, edges, psf_px)
@@ -172,8 +173,9 @@ class _Tile:
 
 
 def _tiles(camera: Camera, psf_px: float) -> Iterator[_Tile]:
+    across = list(_spans(camera.width, psf_px))
     for rows, rows_of, down in _spans(camera.height, psf_px):
-        for columns, columns_of, right in _spans(camera.width, psf_px):
+        for columns, columns_of, right in across:
             yield _Tile(camera, (rows, columns), (rows_of, columns_of), (down, right))
 
 

@@ -53,7 +53,7 @@ TRIAL_STEPS = 4
 different ones are tried with a few steps, until one leaves no more than noise; then the best that
 converges counts."""
 
-RIM_RAD = 1.4
+LIMB_RAD = 1.4
 """Beyond it a highlight is much like a shift of the edge, and misfits do not tell which it is: in 3
 of 400 drawn scenes of oblique metal centres were 0.14 px off by such ones. A fit that ends there
 counts only if it is likelier than the next best that does not."""
@@ -188,9 +188,9 @@ class _Found(NamedTuple):
     done: bool = False
 
     @property
-    def at_rim(self) -> bool:
+    def at_limb(self) -> bool:
         """Whether the highlight lies where it is much like a shift of the edge."""
-        return bool(abs(self.parameters[5]) > RIM_RAD)
+        return bool(abs(self.parameters[5]) > LIMB_RAD)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -413,18 +413,17 @@ class _Model:
             trial = self.followed(start, TRIAL_STEPS)
             if self.misfit(trial.system.cost) < GOOD_MISFIT:
                 trial = self.followed(trial, ITERATIONS)
-                if trial.done and not trial.at_rim:
+                if trial.done and not trial.at_limb:
                     return trial
             trials.append(trial)
         trials.sort(key=lambda trial: trial.system.cost)
+        hopeful = [t for t in trials if self.misfit(t.system.least) < HOPELESS_MISFIT]
         ends: list[_Found] = []
-        for trial in trials:
-            if self.misfit(trial.system.least) < HOPELESS_MISFIT:
-                end = self.followed(trial, ITERATIONS)
-                if end.done:
-                    ends.append(end)
-                    if not end.at_rim:
-                        break
+        for end in (self.followed(trial, ITERATIONS) for trial in hopeful):
+            if end.done:
+                ends.append(end)
+            if end.done and not end.at_limb:
+                break
         return min(ends, key=lambda end: end.system.improbability, default=None)
 
     def moved_by_rim(self, found: _Found) -> Floats:
