@@ -14,6 +14,7 @@ from pivometer.rcm.result import Finding, RcmSolution
 from pivometer.rcm.structure import ErrorStructure
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.hint import ShaftHint
+from pivometer.shaft.stillness import CameraMovement
 from pivometer.shaft.triangulation import Centerline
 from pivometer.uncertainty.budget import UncertaintyBudget
 from pivometer.uncertainty.floor import InstrumentFloor
@@ -415,6 +416,9 @@ class Measurement:
         The instrument's floor as this measurement shows it, if it is one of a gold standard.
     monte_carlo
         The same uncertainties by drawing; `None` where that was not asked for.
+    camera_movements
+        Whether each camera stood still, as the scenery tells; without those that show too little of
+        it.
     """
 
     rcm: RcmSolution
@@ -435,6 +439,7 @@ class Measurement:
     floor: InstrumentFloor | None = None
     gold_standard: InstrumentFloor | None = None
     monte_carlo: MonteCarlo | None = None
+    camera_movements: tuple[CameraMovement, ...] = ()
 
     @property
     def reference_camera(self) -> str:

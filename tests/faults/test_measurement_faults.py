@@ -77,6 +77,14 @@ def test_another_size_rejects_its_pose(session, rig):
     assert "320×240 px" in reasons["003"]
 
 
+def test_a_picture_given_twice_counts_once(session, rig):
+    for camera in ("left", "right"):
+        shutil.copy(session / f"shaft/{camera}/001.png", session / f"shaft/{camera}/004.png")
+    reasons = rejected(session, rig)
+    assert list(reasons) == ["004"]
+    assert "that of pose 001, to the byte" in reasons["004"]
+
+
 def test_an_image_without_the_shaft_rejects_its_pose(session, rig):
     blank(session / "shaft/right/004.png")
     reasons = rejected(session, rig)

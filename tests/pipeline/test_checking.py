@@ -14,11 +14,13 @@ from pivometer.errors import DataError, UsageError
 from pivometer.io.result import result_text
 from pivometer.measurement import Measurement, ShaftAgreement, UsedPose
 from pivometer.pipeline import check
+from pivometer.pipeline.diagnosing import movement_findings
 from pivometer.pipeline.junit import junit_text
 from pivometer.pipeline.line_errors import line_errors
 from pivometer.pipeline.own_error import own_error, with_own_error
 from pivometer.pipeline.structuring import structure_of
 from pivometer.rcm import Finding, solve
+from pivometer.shaft.stillness import CameraMovement
 from pivometer.uncertainty.shaft_check import MoveTest, ShaftDiameter
 
 Make = Callable[..., Measurement]
@@ -125,6 +127,35 @@ def test_a_condition_that_is_not_met_forbids_a_decision(
     assert (outcome.decision, outcome.exit_code) == ("invalid", 4)
     assert [one.name for one in outcome.validity if one.status == "not met"] == [condition]
     assert outcome.text == next(one.text for one in outcome.validity if one.status == "not met")
+
+
+def movement(shift_px: float) -> CameraMovement:
+    return CameraMovement("right", 20, "board/004", "shaft/000", shift_px, 0.01, 0.15)
+
+
+def test_a_camera_that_moved_forbids_a_decision(make_measurement: Make) -> None:
+    measurement = with_own_error(good(make_measurement))
+    still = replace(measurement, camera_movements=(movement(0.1),))
+    assert check(still, 0.5).decision == "pass"
+    assert not movement_findings(still)
+    moved = replace(measurement, camera_movements=(movement(0.6),))
+    outcome = check(moved, 0.5)
+    assert outcome.decision == "invalid"
+    assert [one.name for one in outcome.validity if one.status == "not met"] == ["stillness"]
+    assert "camera right moved by 0.60 px between board/004 and shaft/000" in outcome.text
+
+
+def test_what_a_camera_moved_by_is_told_in_mm_at_the_rcm(make_measurement: Make) -> None:
+    measurement = replace(good(make_measurement), camera_movements=(movement(0.6),))
+    rig, point = measurement.calibration.rig, measurement.rcm.least_squares.point_mm
+    number = [camera.name for camera in rig.cameras].index("right")
+    seen = rig.reference_from_camera[number].inverse() @ point
+    # A point that is shifted by so much, at that depth, is seen 0.6 px away; distortion aside.
+    (finding,) = movement_findings(measurement)
+    told = float(finding.text.partition(" mm at the RCM")[0].rpartition(" ")[2])
+    camera = rig.cameras[number]
+    apart = camera.project(seen + np.array([told, 0, 0])) - camera.project(seen)
+    assert np.hypot(*apart) == pytest.approx(0.6, rel=0.05)
 
 
 def test_without_a_nominal_diameter_the_scale_is_not_checked(make_measurement: Make) -> None:

@@ -1,5 +1,6 @@
 """The shaft in all frames of a camera: from image files or from a video."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -8,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from pivometer.cameras import Camera
-from pivometer.errors import ImageError, SessionError
+from pivometer.errors import ImageError, SessionError, ShaftNotFoundError
 from pivometer.io.session import load
 from pivometer.pipeline import shafts
-from pivometer.pipeline.shafts import camera_shafts
+from pivometer.pipeline.shafts import camera_shafts, moved_camera
 from pivometer.shaft.backdrop import backdrop_of
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.hint import ShaftHint
@@ -214,3 +215,63 @@ def test_what_stands_behind_the_shaft_is_found_out_once_and_only_where_needed(
     widths = [np.array([e.width_px for e in edges.values()]) for edges in (told, untold)]
     spread = [np.median(np.abs(w - np.median(w))) for w in widths]
     assert spread[0] < spread[1] / 2, spread
+
+
+def before_scenery(frames: list[NDArray[np.uint8]], *, knocked_px: int) -> list[NDArray[np.uint8]]:
+    """Draw a shaft before boxes, which the last half of the frames show elsewhere."""
+    rng = np.random.default_rng(1)
+    room = np.full((260, 340), 40, dtype=np.uint8)
+    boxes = rng.uniform((0, 0, 8, 8, 20), (340, 260, 60, 60, 110), (60, 5)).astype(int)
+    for x, y, w, h, grey in boxes.tolist():
+        cv2.rectangle(room, (x, y), (x + w, y + h), grey, -1)
+    room = cv2.GaussianBlur(room, (0, 0), 0.8)
+    drawn = []
+    for number, shaft in enumerate(frames):
+        shift = 8 + (knocked_px if number >= len(frames) / 2 else 0)
+        scene = room[:240, shift : shift + 320].astype(float)
+        scene = np.where(shaft > 20, shaft, scene) + rng.normal(0, 1.0, scene.shape)
+        drawn.append(np.clip(np.round(scene), 0, 255).astype(np.uint8))
+    return drawn
+
+
+PLACES = (70, 90, 110, 130, 190, 210, 230, 250)
+
+
+@pytest.mark.parametrize("knocked_px", [0, 1])
+def test_a_camera_that_is_knocked_is_told_from_the_scenery(knocked_px: int, root: Path) -> None:
+    frames = [frame(x, width=18) for x in PLACES]
+    session = load(image_session(root, before_scenery(frames, knocked_px=knocked_px)))
+    seen = camera_shafts(session, CAMERA, hint=None, progress=None)
+    assert any(isinstance(edges, ShaftEdges) for edges in seen.edges.values())
+    moved = moved_camera(session, "left", seen.shifts_px)
+    assert moved is not None
+    assert moved.views == len(frames)
+    assert moved.significant == bool(knocked_px)
+    if knocked_px:
+        assert (moved.before, moved.after) == ("shaft/3", "shaft/4")
+        assert moved.shift_px == pytest.approx(knocked_px, abs=0.05)
+    without = replace(session, excluded={"shaft/4": "taken out", "shaft/5": "taken out"})
+    fewer = moved_camera(without, "left", seen.shifts_px)
+    assert fewer is not None
+    assert fewer.views == len(frames) - 2
+
+
+def test_the_board_pictures_tell_a_knock_before_the_shaft_pictures(root: Path) -> None:
+    frames = before_scenery([frame(x, width=18) for x in PLACES], knocked_px=0)
+    boards = before_scenery([frame(160, width=50)] * 4, knocked_px=0)
+    image_session(root, frames)
+    for camera in ("left", "right"):
+        (root / "board" / camera).mkdir(parents=True)
+        for number, board in enumerate(boards):
+            cv2.imwrite(str(root / f"board/{camera}/{number}.png"), np.roll(board, 1, axis=1))
+    seen = camera_shafts(load(root), CAMERA, hint=None, progress=None)
+    moved = moved_camera(load(root), "left", seen.shifts_px)
+    assert moved is not None
+    assert (moved.before, moved.after) == ("board/3", "shaft/0")
+    assert moved.shift_px == pytest.approx(1, abs=0.05)
+
+
+def test_if_nothing_can_be_told_since_the_camera_moved_that_is_the_reason(root: Path) -> None:
+    frames = before_scenery([frame(x, width=10) for x in PLACES[:6]], knocked_px=12)
+    with pytest.raises(ShaftNotFoundError, match=r"camera left moved by 12\.. px between shaft/2"):
+        camera_shafts(load(image_session(root, frames)), CAMERA, hint=None, progress=None)

@@ -227,6 +227,14 @@ def _joints(measurement: Measurement) -> Condition:
 
 def _stillness(measurement: Measurement) -> Condition:
     """Ask for a set-up that stood still: else the misses are not the robot's."""
+    moved = [movement for movement in measurement.camera_movements if movement.significant]
+    if moved:
+        shifts = "; ".join(
+            f"camera {m.camera} moved by {m.shift_px:.2f} px between {m.before} and {m.after}, "
+            f"{m.limit_px:.2f} px is the most"
+            for m in moved
+        )
+        return Condition("stillness", "not met", shifts)
     if measurement.structure is None:
         return Condition("stillness", "not checked", "the result does not state the order's part")
     orders = [pattern for pattern in measurement.structure.patterns if pattern.kind == "order"]

@@ -13,6 +13,7 @@ from pivometer.calibration import BoardView, Calibration
 from pivometer.calibration.drift import Drift, drift
 from pivometer.cameras import Rig
 from pivometer.errors import CalibrationError, DataError, DegenerateGeometryError
+from pivometer.io.exclusions import FILE_NAME as EXCLUSIONS
 from pivometer.io.session import Session
 from pivometer.measurement import ImportedRig, Measurement
 from pivometer.pipeline.calibrating import corners
@@ -20,6 +21,7 @@ from pivometer.pipeline.reading import Progress, hashes, in_threads, read
 from pivometer.rcm import Finding
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.gate import NOMINAL_TOLERANCE, SPREAD_TOLERANCE
+from pivometer.shaft.stillness import CameraMovement
 from pivometer.shaft.triangulation import WARN_DIHEDRAL_RAD, triangulate_centerline
 from pivometer.uncertainty.carried_edges import SeenAlike, rcm_of_points, thinned_points
 
@@ -207,8 +209,12 @@ def flat_poses_finding(measurement: Measurement) -> Finding | None:
 def with_checks(
     measurement: Measurement, session: Session, progress: Progress | None = None
 ) -> Measurement:
-    """Add what diameter, sight and the board views at the end say about the answer."""
-    checked = (scale_finding(measurement), flat_poses_finding(measurement))
+    """Add what diameter, sight, scenery and the board views at the end say about the answer."""
+    checked = (
+        scale_finding(measurement),
+        flat_poses_finding(measurement),
+        *movement_findings(measurement),
+    )
     told = tuple(finding for finding in checked if finding is not None)
     measurement = replace(measurement, findings=measurement.findings + told)
     files = list(session.fixed_board_images("closing"))
@@ -225,6 +231,37 @@ def with_checks(
         findings=measurement.findings if finding is None else (*measurement.findings, finding),
         inputs={**measurement.inputs, **hashes(reads)},
     )
+
+
+def movement_findings(measurement: Measurement) -> list[Finding]:
+    """Say which cameras moved while pictures were taken, and what that means at the RCM."""
+    return [
+        Finding(
+            "warning",
+            f"camera {moved.camera} moved between {moved.before} and {moved.after}: all that "
+            f"stands still in its pictures is shifted by {moved.shift_px:.2f} px (by chance under "
+            f"{moved.limit_px:.2f}), which is {_at_rcm_mm(moved, measurement):.3f} mm at the RCM. "
+            "The stated uncertainty does not hold this",
+            f"fix the camera better and repeat the session{_without_later(moved)}",
+        )
+        for moved in measurement.camera_movements
+        if moved.significant
+    ]
+
+
+def _without_later(moved: CameraMovement) -> str:
+    """Say what else helps where all pictures of the board were taken before the camera moved."""
+    if not moved.before.startswith("shaft/"):
+        return ""
+    return f", or take out all poses from {moved.after} on ({EXCLUSIONS})"
+
+
+def _at_rcm_mm(moved: CameraMovement, measurement: Measurement) -> float:
+    rig = measurement.calibration.rig
+    number = [camera.name for camera in rig.cameras].index(moved.camera)
+    camera_from_reference = rig.reference_from_camera[number].inverse()
+    depth_mm = (camera_from_reference @ measurement.rcm.least_squares.point_mm)[2]
+    return moved.shift_px * float(depth_mm / rig.cameras[number].focal_px.mean())
 
 
 def drift_finding(views: Sequence[BoardView], measurement: Measurement) -> Finding | None:

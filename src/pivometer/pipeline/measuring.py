@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import starmap
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,7 @@ from pivometer.pipeline.own_error import with_own_error
 from pivometer.pipeline.provenance import provenance_now, settings_hashes
 from pivometer.pipeline.reading import Progress
 from pivometer.pipeline.shaft_checking import Route, Triangulated, checked_poses, with_shaft
-from pivometer.pipeline.shafts import SHAFT_ADVICE, session_shafts
+from pivometer.pipeline.shafts import SHAFT_ADVICE, moved_camera, session_shafts
 from pivometer.pipeline.structuring import with_structure
 from pivometer.rcm import geometry_findings, refuse_geometry, solve
 from pivometer.rcm.result import Finding
@@ -147,6 +148,7 @@ def measure(
         seen.edges,
         settings_hashes(session) | known | dict(seen.inputs),
         doubts=seen.doubts,
+        shifts_px=seen.shifts_px,
         centerline=centerline,
         floor=floor,
         bearing_rms_mm=bearing_rms_mm,
@@ -178,11 +180,14 @@ class SeenShafts:
         SHA-256 of the files behind them.
     doubts
         What makes it uncertain that this is the shaft.
+    shifts_px
+        By camera and view, how far the scenery is shifted, if the picture tells.
     """
 
     edges: Mapping[str, Mapping[str, ShaftEdges | DataError]]
     inputs: Mapping[str, str]
     doubts: tuple[Finding, ...]
+    shifts_px: Mapping[str, Mapping[str, Floats | None]] = field(default_factory=dict)
 
 
 def see_shafts(
@@ -196,13 +201,15 @@ def see_shafts(
     edges: dict[str, dict[str, ShaftEdges | DataError]] = {}
     inputs: dict[str, str] = {}
     warned: dict[str, list[str]] = {}
+    shifts_px: dict[str, dict[str, Floats | None]] = {}
     found = {**session.hints, **(hints or {})}
     for name, shafts in session_shafts(session, rig, hints=found, progress=progress).items():
         edges[name] = shafts.edges
         if shafts.warning is not None:
             warned.setdefault(shafts.warning, []).append(name)
+        shifts_px[name] = shafts.shifts_px
         inputs |= shafts.inputs
-    return SeenShafts(edges, inputs, tuple(starmap(_doubt, warned.items())))
+    return SeenShafts(edges, inputs, tuple(starmap(_doubt, warned.items())), shifts_px)
 
 
 def measure_seen(session: Session, calibration: Calibration, seen: SeenShafts) -> Measurement:
@@ -220,7 +227,14 @@ def measure_seen(session: Session, calibration: Calibration, seen: SeenShafts) -
         What `see_shafts` saw in it.
     """
     inputs = settings_hashes(session) | dict(calibration.inputs) | dict(seen.inputs)
-    measurement = measure_edges(session, calibration, seen.edges, inputs, doubts=seen.doubts)
+    measurement = measure_edges(
+        session,
+        calibration,
+        seen.edges,
+        inputs,
+        doubts=seen.doubts,
+        shifts_px=seen.shifts_px,
+    )
     options = Options("joint", "radial2", "paper", {}, rig_given=False)
     return replace(measurement, provenance=provenance_now(options, command="pivometer app"))
 
@@ -232,6 +246,7 @@ def measure_edges(
     inputs: Mapping[str, str],
     *,
     doubts: Sequence[Finding] = (),
+    shifts_px: Mapping[str, Mapping[str, Floats | None]] = MappingProxyType({}),
     centerline: Route = "paper",
     floor: InstrumentFloor | None = None,
     bearing_rms_mm: float | None = None,
@@ -251,6 +266,8 @@ def measure_edges(
         SHA-256 of the files behind them.
     doubts
         What was found while looking for the shaft.
+    shifts_px
+        By camera and view, how far the scenery is shifted, if the picture tells.
     centerline, floor, bearing_rms_mm
         As in `measure`.
     progress
@@ -261,14 +278,19 @@ def measure_edges(
     DataError
         If the data cannot support an answer: its subclasses say why.
     """
-    poses = _poses(session, calibration.rig, seen)
+    poses = _without_repeated(session, _poses(session, calibration.rig, seen), inputs)
     poses, shaft = checked_poses(poses, calibration, centerline)
     measurement = replace(_measurement(session, calibration, poses, inputs), floor=floor)
     measurement = with_shaft(measurement, shaft, centerline)
     errors = line_errors(measurement)
     measurement = with_all_points(measurement, errors)
     measurement = with_own_error(measurement, errors)
-    measurement = replace(measurement, findings=(*measurement.findings, *doubts))
+    moved = [moved_camera(session, name, shifts) for name, shifts in shifts_px.items()]
+    measurement = replace(
+        measurement,
+        findings=(*measurement.findings, *doubts),
+        camera_movements=tuple(m for m in moved if m is not None),
+    )
     measurement = with_board_frame(measurement, session, progress)
     measurement = with_structure(measurement, session, errors)
     measurement = with_budget(measurement, errors)
@@ -373,6 +395,30 @@ def _excluded(pose: Triangulated | RejectedPose, reason: str | None) -> Triangul
         return pose
     step = f"take it back in {EXCLUSIONS} if it should count"
     return RejectedPose(pose.pose, f"excluded by hand: {reason}", step, pose.edges)
+
+
+def _without_repeated(
+    session: Session,
+    poses: Sequence[Triangulated | RejectedPose],
+    inputs: Mapping[str, str],
+) -> list[Triangulated | RejectedPose]:
+    """Reject poses with a picture that is that of an earlier pose, to the last byte.
+
+    Noise makes no two pictures alike: the file was copied, or the camera had stopped.
+    """
+    first: dict[tuple[str, str], str] = {}
+    kept = list(poses)
+    for i, pose in enumerate(kept):
+        files = session.shaft[pose.pose].values()
+        for file in (f for f in files if f.frame is None and f.name in inputs):
+            earlier = first.setdefault((file.camera, inputs[file.name]), pose.pose)
+            if earlier != pose.pose and isinstance(pose, Triangulated):
+                reason = (
+                    f"camera {file.camera}: this picture is that of pose {earlier}, to the byte"
+                )
+                step = "give each picture once; if the camera had stopped, take the pose again"
+                kept[i] = RejectedPose(pose.pose, reason, step, pose.edges)
+    return kept
 
 
 def _measurement(

@@ -31,12 +31,16 @@ from pivometer.shaft.detection import (
 )
 from pivometer.shaft.edges import ShaftEdges, fit_edges
 from pivometer.shaft.hint import ShaftHint
+from pivometer.shaft.stillness import CameraMovement, Scenery, camera_movement
 
 KEPT_BYTES = 64_000_000
 """Frames of the first pass that are kept for the second, so that short sessions are read once."""
 
 MOST_EMPTY = 9
 """Empty frames that are looked at: their median has a third of one's noise."""
+
+MOST_BOARDS = 8
+"""Pictures of the board that tell whether the camera still stands where it stood before them."""
 
 SHAFT_ADVICE = (
     "look at this image: is the shaft in view, in focus and unlike what is behind it? If it is, "
@@ -46,11 +50,15 @@ SHAFT_ADVICE = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraShafts:
-    """What one camera saw: edges or why none by pose, hashes, and what is uncertain."""
+    """What one camera saw: edges or why none by pose, hashes, and what is uncertain.
+
+    ``shifts_px`` is by view what `Scenery.shift_px` says, in the order of `camera_movement`.
+    """
 
     edges: dict[str, ShaftEdges | DataError]
     inputs: dict[str, str]
     warning: str | None
+    shifts_px: dict[str, Floats | None]
 
 
 def session_shafts(
@@ -59,8 +67,15 @@ def session_shafts(
     """Find and fit the shaft's edges in all frames of all cameras of a rig.
 
     Each camera first learns what turns before it; then all of them agree on what the shaft is.
+
+    Raises
+    ------
+    ShaftNotFoundError
+        If a camera moved, so that its pictures do not tell what turns before it.
     """
     looks = [_Look(session, camera, hints.get(camera.name), progress) for camera in rig.cameras]
+    for look in looks:
+        look.refuse_moved()
     finders = [look.finder for look in looks]
     known = [finder for finder in finders if finder is not None]
     if len(known) == len(looks):
@@ -75,7 +90,17 @@ def camera_shafts(
     session: Session, camera: Camera, *, hint: ShaftHint | None, progress: Progress | None
 ) -> CameraShafts:
     """Find and fit the shaft's edges in all frames of one camera; say what went wrong in others."""
-    return _Look(session, camera, hint, progress).shafts()
+    look = _Look(session, camera, hint, progress)
+    look.refuse_moved()
+    return look.shafts()
+
+
+def moved_camera(
+    session: Session, camera: str, shifts_px: Mapping[str, Floats | None]
+) -> CameraMovement | None:
+    """Return where a camera moved most, without the pictures that a person took out."""
+    views = [view for view in shifts_px if view not in session.excluded]
+    return camera_movement(camera, views, [shifts_px[view] for view in views])
 
 
 def fitted_at(
@@ -136,6 +161,8 @@ class _Look:
         self._background, self._inputs = empty_frame(session, camera)
         self.first = _FirstPass(self._files, camera, progress)
         self.finder = self.first.learned(self._background, hint)
+        self._shifts_px = self._shifted(session)
+        self._moved = moved_camera(session, camera.name, self._shifts_px)
         self._seeds: dict[str, ShaftSeed | SeedRejection] = {}
         self._backdrop = Backdrop(self._shown)
 
@@ -147,7 +174,34 @@ class _Look:
         for file, (digests, outcome) in zip(self._files, fitted, strict=True):
             inputs |= digests
             outcomes[file.stem] = outcome
-        return CameraShafts(outcomes, inputs, None if self.finder is None else self.finder.warning)
+        warning = None if self.finder is None else self.finder.warning
+        return CameraShafts(outcomes, inputs, warning, self._shifts_px)
+
+    def refuse_moved(self) -> None:
+        """Refuse pictures that do not tell what turns, if the camera moved meanwhile."""
+        moved = self._moved
+        if self.finder is None or self.finder.refusal is None or not (moved and moved.significant):
+            return
+        raise ShaftNotFoundError(
+            f"camera {moved.camera} moved by {moved.shift_px:.1f} px between {moved.before} and "
+            f"{moved.after}, so that what turns before it cannot be told from what stands still",
+            next_step="fix the camera better and repeat the session, or measure the poses before "
+            "and after as two sessions",
+        )
+
+    def _shifted(self, session: Session) -> dict[str, Floats | None]:
+        """Return how far the scenery is shifted in pictures of the board, then of the shaft."""
+        scenery, name = self.first.scenery, self.camera.name
+        if scenery is None:
+            return {}
+        files = [images[name] for images in session.board_views.values() if name in images]
+        chosen = [files[i] for i in sampled(len(files), MOST_BOARDS)]
+        size, shifts = (self.camera.width, self.camera.height), dict[str, Floats | None]()
+        for frame in streamed(_same, chosen, f"comparing scenery {name}", self._progress):
+            self._inputs |= hashes([frame])
+            if isinstance(frame.outcome, HashedImage) and frame.size == size:
+                shifts[frame.file.view] = scenery.shift_px(frame.outcome.image)
+        return shifts | self.first.shifts_px
 
     def _edges(self, frame: ReadImage) -> tuple[dict[str, str], ShaftEdges | DataError]:
         """Find and fit the shaft's edges in one frame, or say what went wrong."""
@@ -177,7 +231,7 @@ class _Look:
 
 
 class _FirstPass:
-    """Some frames, evenly spread: their places among the samples, and those that are kept."""
+    """Some frames, evenly spread: their places among the samples, those kept, and their scenery."""
 
     def __init__(
         self, files: Sequence[ImageFile], camera: Camera, progress: Progress | None
@@ -187,6 +241,8 @@ class _FirstPass:
         self._camera = camera
         self._left = KEPT_BYTES
         self.samples: dict[str, int] = {}
+        self.scenery: Scenery | None = None
+        self.shifts_px: dict[str, Floats | None] = {}
         self.kept: dict[str, ReadImage] = {}
 
     @property
@@ -210,6 +266,8 @@ class _FirstPass:
                 self.kept[frame.file.view] = frame
             if image is not None and frame.size == (self._camera.width, self._camera.height):
                 self.samples[frame.file.view] = len(self.samples)
+                self.scenery = self.scenery or Scenery(image)
+                self.shifts_px[frame.file.view] = self.scenery.shift_px(image)
                 yield image
 
 

@@ -3,6 +3,7 @@
 from pivometer.measurement import Measurement, ShaftAgreement
 from pivometer.report.digits import uncertainty_text, with_uncertainty
 from pivometer.report.tables import Table
+from pivometer.shaft.stillness import CameraMovement
 from pivometer.uncertainty.shaft_check import MoveTest
 
 
@@ -36,6 +37,7 @@ def shaft_table(measurement: Measurement) -> Table | None:
         ("largest χ² of a pose / limit", _worst(measurement)),
         ("the two centerlines of a pose apart by at most, mm", _apart(measurement)),
         *_bend_rows(shaft),
+        *map(_movement_row, measurement.camera_movements),
     ]
     return Table(
         "The shaft: one straight cylinder for all edges, poses and cameras",
@@ -50,7 +52,16 @@ def shaft_table(measurement: Measurement) -> Table | None:
             if shaft.route == "paper"
             else "the axes of these cylinders"
         )
-        + ". With two cameras only turns of about a degree show; a third shows hundredths.",
+        + ". With two cameras only turns of about a degree show; a third shows hundredths. "
+        "Scenery that stands still shows the turns of each camera alone.",
+    )
+
+
+def _movement_row(moved: CameraMovement) -> tuple[str, str]:
+    where = f"between {moved.before} and {moved.after}; {moved.views} pictures"
+    return (
+        f"camera {moved.camera}: largest shift of the scenery / limit, px",
+        f"{moved.shift_px:.3f} / {moved.limit_px:.2f} ({where})",
     )
 
 

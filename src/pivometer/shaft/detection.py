@@ -179,6 +179,11 @@ class ShaftFinder:
     candidates: tuple[Candidate, ...] = ()
     """What might be the shaft, for other cameras to tell."""
 
+    @property
+    def refusal(self) -> str | None:
+        """Why it finds nothing in any frame; None if it knows what the shaft is."""
+        return self._motion.reason if isinstance(self._motion, SeedRejection) else None
+
     def taking(self, candidate: Candidate, warning: str | None) -> ShaftFinder:
         """Return a finder of another candidate."""
         return replace(self, _motion=told_apart(candidate, self.candidates), warning=warning)
