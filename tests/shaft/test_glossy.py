@@ -28,6 +28,12 @@ def oblique_metal(angle):
     return 70 + 60 * lit + 90 * lit**6
 
 
+def image_of_a_window(angle):
+    """A matt shaft that mirrors a window up to 72° from its axis, blurred by 3°."""
+    away = np.abs(np.degrees(angle) - 62)
+    return 60 + 60 * np.cos(angle) + 80 * np.clip((10 - away) / 3 + 0.5, 0, 1)
+
+
 def profile_of(shading, noise, rng):
     """A profile whose edges are at TRUTH from where they are thought to be."""
     x = np.arange(-26, 26, STEP_PX) + STEP_PX / 2
@@ -62,11 +68,13 @@ def profile_of(shading, noise, rng):
     )
 
 
-def test_derivatives_by_all_parameters():
+@pytest.mark.parametrize("half", [[], [-1.6]])
+def test_derivatives_by_all_parameters(half):
     profile = profile_of(oblique_metal, 0.0, np.random.default_rng(0))
     root = np.sqrt(profile.count) / 2
-    model = glossy._Model(profile, Blur(), root, glossy._angles(90), 5 * glossy._rough(90))
-    at = np.array([0.1, -0.03, -0.05, 0.04, 0.9, 0.7, -1.2, 0.05])
+    rough = 5 * glossy._rough(90)
+    model = glossy._Model(profile, Blur(), root, glossy._angles(90), rough, lamp=bool(half))
+    at = np.array([0.1, -0.03, -0.05, 0.04, 0.9, 0.7, -1.2, 0.05, *half])
 
     def terms(parameters):
         seen, lobe = model.seen(parameters), model.highlight(parameters)
@@ -76,10 +84,10 @@ def test_derivatives_by_all_parameters():
     assert len(levels) > 2 * LEVELS
     seen, lobe = model.seen(at), model.highlight(at)
     found = model.jacobian(at, seen, model.outside(seen, at[4]), lobe, levels)
-    for k in range(8):
-        step = np.zeros(8)
-        step[k] = 1e-5
-        expected = (terms(at + step) - terms(at - step)) @ levels / 2e-5
+    for k in range(len(at)):
+        step = np.zeros(len(at))
+        step[k] = 1e-4
+        expected = (terms(at + step) - terms(at - step)) @ levels / 2e-4
         np.testing.assert_allclose(found[:, k], expected, atol=1e-5 * np.abs(expected).max())
 
 
@@ -91,7 +99,7 @@ def test_shading_of_the_model_is_fitted_exactly():
     np.testing.assert_allclose(found.parameters, TRUTH, atol=0.002)
 
 
-@pytest.mark.parametrize("shading", [diffuse_and_one_highlight, oblique_metal])
+@pytest.mark.parametrize("shading", [diffuse_and_one_highlight, oblique_metal, image_of_a_window])
 def test_errors_are_as_stated(shading):
     rng = np.random.default_rng(5)
     contrast = np.array([0.5, 0.0, -0.5, 0.0, 0.0])
