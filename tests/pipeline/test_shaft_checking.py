@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pivometer.cameras import Camera, Rig
+from pivometer.errors import CalibrationError
 from pivometer.geometry import RigidTransform, tangent_plane_normals
 from pivometer.measurement import ImportedRig, PoseCylinder, RejectedPose, ShaftAgreement
 from pivometer.pipeline.shaft_checking import (
@@ -127,6 +128,15 @@ def test_more_poses_that_disagree_than_a_tenth_are_kept():
     kept, check = checked_poses([*lines], imported(2), "paper")
     assert (check.chi_squares > check.limits).sum() > 2
     assert not any(isinstance(pose, RejectedPose) for pose in kept)
+
+
+def test_edges_of_no_common_cylinder_are_refused():
+    rng = np.random.default_rng(6)
+    diameters = {(number, 1): rng.uniform(9.0, 11.0) for number in range(20)}
+    lines = poses(rng, [rig_of(2)] * 20, diameters=diameters)
+    with pytest.raises(CalibrationError, match="not those of one cylinder") as caught:
+        checked_poses([*lines], imported(2), "paper")
+    assert "mirrored" in caught.value.next_step
 
 
 def test_of_few_poses_nothing_is_judged():

@@ -1,5 +1,6 @@
 """The shaft in all frames of a camera: from image files or from a video."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pivometer.cameras import Camera
-from pivometer.errors import ImageError, SessionError, ShaftNotFoundError
-from pivometer.io.session import load
+from pivometer.errors import CalibrationError, ImageError, SessionError, ShaftNotFoundError
+from pivometer.io.session import Session, load
 from pivometer.pipeline import shafts
 from pivometer.pipeline.shafts import camera_shafts, moved_camera
 from pivometer.shaft.backdrop import backdrop_of
@@ -256,19 +257,29 @@ def test_a_camera_that_is_knocked_is_told_from_the_scenery(knocked_px: int, root
     assert fewer.views == len(frames) - 2
 
 
-def test_the_board_pictures_tell_a_knock_before_the_shaft_pictures(root: Path) -> None:
-    frames = before_scenery([frame(x, width=18) for x in PLACES], knocked_px=0)
-    boards = before_scenery([frame(160, width=50)] * 4, knocked_px=0)
-    image_session(root, frames)
+def with_boards(root: Path, turn: Callable[[NDArray[np.uint8]], NDArray[np.uint8]]) -> Session:
+    """Write a session whose board pictures show the same scenery, turned somehow."""
+    image_session(root, before_scenery([frame(x, width=18) for x in PLACES], knocked_px=0))
     for camera in ("left", "right"):
         (root / "board" / camera).mkdir(parents=True)
-        for number, board in enumerate(boards):
-            cv2.imwrite(str(root / f"board/{camera}/{number}.png"), np.roll(board, 1, axis=1))
-    seen = camera_shafts(load(root), CAMERA, hint=None, progress=None)
-    moved = moved_camera(load(root), "left", seen.shifts_px)
+        for number, board in enumerate(before_scenery([frame(160, width=50)] * 4, knocked_px=0)):
+            cv2.imwrite(str(root / f"board/{camera}/{number}.png"), turn(board))
+    return load(root)
+
+
+def test_the_board_pictures_tell_a_knock_before_the_shaft_pictures(root: Path) -> None:
+    session = with_boards(root, lambda board: np.roll(board, 1, axis=1))
+    seen = camera_shafts(session, CAMERA, hint=None, progress=None)
+    moved = moved_camera(session, "left", seen.shifts_px)
     assert moved is not None
     assert (moved.before, moved.after) == ("board/3", "shaft/0")
     assert moved.shift_px == pytest.approx(1, abs=0.05)
+
+
+def test_board_pictures_that_are_mirrored_are_refused(root: Path) -> None:
+    session = with_boards(root, lambda board: np.ascontiguousarray(board[:, ::-1]))
+    with pytest.raises(CalibrationError, match="camera left are mirrored, left for right"):
+        camera_shafts(session, CAMERA, hint=None, progress=None)
 
 
 def test_if_nothing_can_be_told_since_the_camera_moved_that_is_the_reason(root: Path) -> None:

@@ -91,6 +91,30 @@ def test_another_scene_a_blank_one_and_a_dark_one_tell_nothing() -> None:
     assert scenery.shift_px(picture(np.zeros((480, 640)), 3, robot=False)) is None
 
 
+def test_a_dark_wall_with_noise_is_no_scenery() -> None:
+    wall = np.full((480, 640), 6.0)
+    scenery = Scenery(picture(wall, 2))  # of which a robot fills a fifth
+    assert all(scenery.shift_px(picture(wall, seed)) is None for seed in range(3, 9))
+    nothing = Scenery(picture(wall, 2, robot=False))
+    assert nothing.shift_px(picture(wall, 2, robot=False)) is None
+
+
+@pytest.mark.parametrize(
+    ("turned", "how"),
+    [
+        ((slice(None), slice(None, None, -1)), "mirrored, left for right,"),
+        ((slice(None, None, -1), slice(None, None, -1)), "turned by half a turn"),
+        ((slice(None), slice(None)), None),
+    ],
+)
+def test_pictures_that_are_turned_over_are_told(turned: tuple[slice, slice], how: str) -> None:
+    scene = room(1)
+    scenery = Scenery(picture(scene, 2))
+    other = np.ascontiguousarray(picture(scene, 3, shift=(1, 1))[turned])
+    assert scenery.turned_over(other) == how
+    assert (scenery.shift_px(other) is None) == (how is not None)
+
+
 @pytest.mark.parametrize("kind", ["deep", "large", "mosaic"])
 def test_every_kind_of_picture_is_told_in_its_own_pixels(kind: str) -> None:
     scene = room(1, (1536, 1152) if kind == "large" else SIZE)

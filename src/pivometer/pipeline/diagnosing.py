@@ -238,10 +238,11 @@ def movement_findings(measurement: Measurement) -> list[Finding]:
     return [
         Finding(
             "warning",
-            f"camera {moved.camera} moved between {moved.before} and {moved.after}: all that "
-            f"stands still in its pictures is shifted by {moved.shift_px:.2f} px (by chance under "
-            f"{moved.limit_px:.2f}), which is {_at_rcm_mm(moved, measurement):.3f} mm at the RCM. "
-            "The stated uncertainty does not hold this",
+            f"camera {moved.camera} moved, or its lens was touched, between {moved.before} and "
+            f"{moved.after}: all that stands still in its pictures is shifted by "
+            f"{moved.shift_px:.2f} px (by chance under {moved.limit_px:.2f}), which is "
+            f"{_at_rcm_mm(moved, measurement):.3f} mm at the RCM. The stated uncertainty does not "
+            "hold this",
             f"fix the camera better and repeat the session{_without_later(moved)}",
         )
         for moved in measurement.camera_movements

@@ -15,7 +15,7 @@ import numpy as np
 
 from pivometer._arrays import Floats
 from pivometer.cameras import Camera, Rig
-from pivometer.errors import DataError, ShaftNotFoundError
+from pivometer.errors import CalibrationError, DataError, ShaftNotFoundError
 from pivometer.io.images import HashedImage, Image
 from pivometer.io.session import ImageFile, Session
 from pivometer.pipeline.reading import Progress, ReadImage, hashes, streamed, usable
@@ -41,6 +41,9 @@ MOST_EMPTY = 9
 
 MOST_BOARDS = 8
 """Pictures of the board that tell whether the camera still stands where it stood before them."""
+
+TURNED_BOARDS = 3
+"""So many pictures of the board must have the scenery mirrored or turned alike, none as it is."""
 
 SHAFT_ADVICE = (
     "look at this image: is the shaft in view, in focus and unlike what is behind it? If it is, "
@@ -70,12 +73,14 @@ def session_shafts(
 
     Raises
     ------
+    CalibrationError
+        If a camera's pictures of the shaft are mirrored or turned against those of the board.
     ShaftNotFoundError
         If a camera moved, so that its pictures do not tell what turns before it.
     """
     looks = [_Look(session, camera, hints.get(camera.name), progress) for camera in rig.cameras]
     for look in looks:
-        look.refuse_moved()
+        look.refuse_unlike()
     finders = [look.finder for look in looks]
     known = [finder for finder in finders if finder is not None]
     if len(known) == len(looks):
@@ -91,7 +96,7 @@ def camera_shafts(
 ) -> CameraShafts:
     """Find and fit the shaft's edges in all frames of one camera; say what went wrong in others."""
     look = _Look(session, camera, hint, progress)
-    look.refuse_moved()
+    look.refuse_unlike()
     return look.shafts()
 
 
@@ -161,6 +166,7 @@ class _Look:
         self._background, self._inputs = empty_frame(session, camera)
         self.first = _FirstPass(self._files, camera, progress)
         self.finder = self.first.learned(self._background, hint)
+        self._turned_over: str | None = None
         self._shifts_px = self._shifted(session)
         self._moved = moved_camera(session, camera.name, self._shifts_px)
         self._seeds: dict[str, ShaftSeed | SeedRejection] = {}
@@ -177,8 +183,18 @@ class _Look:
         warning = None if self.finder is None else self.finder.warning
         return CameraShafts(outcomes, inputs, warning, self._shifts_px)
 
-    def refuse_moved(self) -> None:
-        """Refuse pictures that do not tell what turns, if the camera moved meanwhile."""
+    def refuse_unlike(self) -> None:
+        """Refuse pictures of a camera that was turned over, or moved so that nothing is told.
+
+        See `session_shafts`.
+        """
+        if self._turned_over is not None:
+            raise CalibrationError(
+                f"the shaft images of camera {self.camera.name} are {self._turned_over} against "
+                "its board images: the scenery behind both shows it",
+                next_step="switch mirroring and turning off in the camera's software, or turn the "
+                "images of one of the two back",
+            )
         moved = self._moved
         if self.finder is None or self.finder.refusal is None or not (moved and moved.significant):
             return
@@ -197,10 +213,17 @@ class _Look:
         files = [images[name] for images in session.board_views.values() if name in images]
         chosen = [files[i] for i in sampled(len(files), MOST_BOARDS)]
         size, shifts = (self.camera.width, self.camera.height), dict[str, Floats | None]()
+        over: list[str] = []
         for frame in streamed(_same, chosen, f"comparing scenery {name}", self._progress):
             self._inputs |= hashes([frame])
             if isinstance(frame.outcome, HashedImage) and frame.size == size:
-                shifts[frame.file.view] = scenery.shift_px(frame.outcome.image)
+                image = frame.outcome.image
+                shift = shifts[frame.file.view] = scenery.shift_px(image)
+                if shift is None and (how := scenery.turned_over(image)) is not None:
+                    over.append(how)
+        alike = len(over) >= TURNED_BOARDS and len(set(over)) == 1
+        if alike and all(shift is None for shift in shifts.values()):
+            self._turned_over = over[0]
         return shifts | self.first.shifts_px
 
     def _edges(self, frame: ReadImage) -> tuple[dict[str, str], ShaftEdges | DataError]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import cv2
 import numpy as np
@@ -34,6 +34,15 @@ LEAST_SLOPE = 0.1
 """In each cell of the picture so many pixels are followed, those with the steepest grey levels; not
 those under a tenth of what the steep ones of all cells have."""
 
+NOISES = 5.0
+SLOPE_NOISE = 1 / (np.sqrt(8 * np.pi) * BLUR_PX**2)
+LEAST_NOISE_GREY = 0.3
+"""Nor those under five standard deviations of the slope that blurred noise has, of one grey level
+or at least of rounding: before a dark wall all others are as alike as noise to noise."""
+
+LEAST_CELLS = 24
+"""So many cells must have some: an eighth of the picture."""
+
 ITERATIONS = 8
 LAST_PX = 0.001
 TUKEY = 4.7
@@ -42,6 +51,15 @@ LARGEST_SIGMA_PX = 0.03
 """A picture tells its shift if half of what its places show, in squares, is what the first picture
 shows there, to 0.03 px. Rendered sessions: right ones over 0.8 and under 0.015, wrong ones under
 0.3."""
+
+TURNED_OVER: dict[str, tuple[slice, slice]] = {
+    "mirrored, left for right,": (slice(None), slice(None, None, -1)),
+    "turned by half a turn": (slice(None, None, -1), slice(None, None, -1)),
+    "mirrored, upside down,": (slice(None, None, -1), slice(None)),
+}
+
+TURNED_OVER_PX = 10.0
+"""Software turns pictures about their middle; a match elsewhere is chance."""
 
 LEAST_VIEWS = 6
 STILL_STEP_PX = 0.5
@@ -95,6 +113,7 @@ class _Followed(NamedTuple):
     """The pixels of a copy that are followed; ``away`` is in half widths from its middle."""
 
     shrinking: int
+    cell: NDArray[np.intp]
     place_px: Floats
     away: Floats
     grey: Floats
@@ -130,6 +149,7 @@ class Scenery:
         self._places = np.array([[x, y] for y in (-quarter, quarter) for x in (-0.5, 0.5)])
         self._copies = [_followed(small, shrinking) for shrinking in SHRINKINGS]
         self._last = np.zeros(4)
+        self._tells = len(np.unique(self._copies[-1].cell)) >= LEAST_CELLS
 
     def shift_px(self, image: Image) -> Floats | None:
         """Return how far the scenery is shifted in another picture of the same size.
@@ -140,6 +160,8 @@ class Scenery:
             Shifts at the middles of the picture's four quarters, shape (4, 2), raw px; `None` where
             too little of the scenery is seen again.
         """
+        if not self._tells:
+            return None
         small = averaged(image, self._factor)
         # From where the last picture was, usually the largest copy tells.
         for first in reversed(range(len(self._copies))):
@@ -147,6 +169,14 @@ class Scenery:
             if moved is not None:
                 self._last = moved
                 return _shifts(moved, self._places) * self._factor
+        return None
+
+    def turned_over(self, image: Image) -> str | None:
+        """Return how a picture without the scenery has it all the same, None if it has not."""
+        for how, turned in TURNED_OVER.items():
+            shift = self.shift_px(cast("Image", np.ascontiguousarray(image[turned])))
+            if shift is not None and np.abs(shift).max() < TURNED_OVER_PX * self._factor:
+                return how
         return None
 
 
@@ -161,14 +191,24 @@ def _followed(small: Image, shrinking: int) -> _Followed:
     inside[border:-border, border:-border] = 1
     rows, columns = _steepest(inside * steep)
     enough = steep[rows, columns]
-    kept = enough > LEAST_SLOPE**2 * np.percentile(enough, 90)
+    least = NOISES * SLOPE_NOISE * _noise(averaged(small, shrinking))
+    kept = enough > np.maximum(LEAST_SLOPE**2 * np.percentile(enough, 90), least**2)
     rows, columns = rows[kept], columns[kept]
     place = np.stack([columns, rows]).astype(np.float64)
     height, width = band.shape
     away = (place - np.array([[width - 1], [height - 1]]) / 2) / (width / 2)
     gx, gy = slope[:, rows, columns].astype(np.float64)
     jacobian = np.stack([gx, gy, gy * away[0] - gx * away[1], gx * away[0] + gy * away[1]])
-    return _Followed(shrinking, place, away, band[rows, columns].astype(np.float64), jacobian)
+    size = np.array([[width], [height]])
+    column, row = (place * np.array([CELLS]).T // size).astype(np.intp)
+    return _Followed(
+        shrinking,
+        CELLS[0] * row + column,
+        place,
+        away,
+        band[rows, columns].astype(np.float64),
+        jacobian,
+    )
 
 
 def _band(small: Image, shrinking: int) -> NDArray[np.float32]:
@@ -176,6 +216,18 @@ def _band(small: Image, shrinking: int) -> NDArray[np.float32]:
     copy = averaged(small, shrinking).astype(np.float32)
     smooth = cv2.GaussianBlur(copy, (0, 0), BLUR_PX)
     return np.asarray(smooth - cv2.boxFilter(smooth, -1, (BESIDE_PX, BESIDE_PX)), dtype=np.float32)
+
+
+def _noise(copy: Image) -> float:
+    """Return the noise's standard deviation, grey levels.
+
+    References
+    ----------
+    Immerkær, doi:10.1006/cviu.1996.0060, with the median instead of the mean.
+    """
+    kernel = np.outer([1, -2, 1], [1, -2, 1]).astype(np.float32)
+    rough = cv2.filter2D(copy.astype(np.float32), -1, kernel)
+    return max(1.4826 * float(np.median(np.abs(rough))) / 6, LEAST_NOISE_GREY)
 
 
 def _steepest(steep: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
