@@ -41,11 +41,11 @@ def test_a_background_without_changes_tells_nothing():
 
 
 def test_a_step_on_the_shaft_is_not_taken_for_its_edge_before_a_known_background():
-    """A dark core 5 px inside has sharper edges than a shaft as bright as the clutter."""
+    """A dark core has sharper edges than a shaft as bright as clutter, whose edges are far off."""
     rng = np.random.default_rng(3)
     camera = camera_of()
     texture = clutter(camera, rng)
-    scene = render(camera, outside=texture, inside=85.0, taper=0.0)
+    scene = render(camera, width_px=50.0, outside=texture, inside=85.0, taper=0.0)
     core = render(camera, width_px=20.0, taper=0.0, inside=60.0, outside=0.0)
     empty = pictured(texture, scene)
     image = scene.with_noise(NOISE, rng) - core.clean

@@ -12,15 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 from pivometer._arrays import Floats, checked
 from pivometer.cameras.model import Camera
 from pivometer.cameras.mosaic import is_mosaic, luminance
-from pivometer.errors import ShapeError
+from pivometer.errors import ShaftNotFoundError, ShapeError
 from pivometer.shaft.backdrop import filled
-from pivometer.shaft.band_map import BandMap, band_map
+from pivometer.shaft.band_map import BandMap, band_map, near_lines
 from pivometer.shaft.banded import fit_banded
 from pivometer.shaft.bands import EdgeLine, edge_lines, is_upright, width_px
 from pivometer.shaft.defocused import fit_defocused
 from pivometer.shaft.detection import ShaftSeed
 from pivometer.shaft.evidence import LARGE_BLUR_PX
 from pivometer.shaft.fitted import FittedEdges, ShaftEdges, shaft_edges
+from pivometer.shaft.gate import LARGEST_END_SIGMA_PX
 from pivometer.shaft.ladder import CLEAN_PART, fit_ladder
 from pivometer.shaft.lanes import with_lanes
 from pivometer.shaft.mosaic_edges import ADVICE, WARNING, clipped_part, evened_beside
@@ -31,6 +32,7 @@ from pivometer.shaft.shaded import FIRST_BLUR_PX, fit_shaded
 from pivometer.shaft.silhouette import coimage_normal, normalized_line, outward_normals
 from pivometer.shaft.texture import with_texture
 from pivometer.shaft.thin import fit_thin
+from pivometer.shaft.uncovered import uncovered_lines
 
 __all__ = ["ShaftEdges", "edge_normals", "fit_edges"]
 
@@ -144,10 +146,8 @@ def fit_edges(
     refuse_width(width, width)
     upright = is_upright(np.stack([[line.start_px, line.end_px] for line in first]))
     turned = pixels if upright else pixels.T
-    one, other = (
-        band_map(camera, line, turned.shape, upright=upright, reach_px=REACH_PX) for line in first
-    )
-    maps, step = (one, other), max(1, len(one.rows) // SEARCH_ROWS)
+    maps = one, other = _maps(camera, first, upright)
+    step = max(1, len(one.rows) // SEARCH_ROWS)
     start = found_lines(turned, (one.every(step), other.every(step)), first)
     fitted = _fit_simple(turned, maps, start)
     if fitted is None:
@@ -159,6 +159,11 @@ def fit_edges(
 
         clean = empty is None
         fitted = _fit_round(pixels, turned, camera, maps, start, told, clean=clean)
+        doubt = _doubt(fitted, first)
+        if doubt > LARGEST_END_SIGMA_PX:
+            again = _fit_uncovered(pixels, turned, camera, maps, start, told)
+            if again is not None and _doubt(*again) < doubt:
+                fitted, first = again
     refuse_fit(fitted, first)
     found = shaft_edges(camera, fitted)
     if not mosaic:
@@ -166,6 +171,49 @@ def fit_edges(
     fitted = replace(fitted, saturated_part=clipped_part(raw, found.points_px))
     found = shaft_edges(camera, fitted)
     return replace(found, warnings=(*found.warnings, f"{WARNING}; {ADVICE}"))
+
+
+def _fit_uncovered(
+    pixels: NDArray[np.generic],
+    turned: NDArray[np.generic],
+    camera: Camera,
+    maps: tuple[BandMap, BandMap],
+    start: tuple[EdgeLine, EdgeLine],
+    behind: Callable[[], Floats | None],
+) -> tuple[FittedEdges, tuple[EdgeLine, EdgeLine]] | None:
+    """Return a shaded shaft's edges from where a known background begins, and where that is.
+
+    None if it begins where the first fit started, or nobody knows it.
+    """
+    told = behind()
+    if told is None:
+        return None
+    lines = uncovered_lines(turned, told, near_lines(maps, start), start)
+    if lines is None:
+        return None
+    again = _maps(camera, lines, turned is pixels)
+    return _fit_round(pixels, turned, camera, again, lines, behind, clean=False), lines
+
+
+def _maps(
+    camera: Camera, lines: tuple[EdgeLine, EdgeLine], upright: bool
+) -> tuple[BandMap, BandMap]:
+    """Return the maps of both edges' bands in the image turned so that the shaft is upright."""
+    shape = (camera.height, camera.width) if upright else (camera.width, camera.height)
+    one, other = (
+        band_map(camera, line, shape, upright=upright, reach_px=REACH_PX) for line in lines
+    )
+    return one, other
+
+
+def _doubt(fitted: FittedEdges, seed: tuple[EdgeLine, EdgeLine]) -> float:
+    """Return how uncertain an edge is at its ends at most, px; infinitely if the fit is refused."""
+    try:
+        refuse_fit(fitted, seed)
+    except ShaftNotFoundError:
+        return float("inf")
+    variance = fitted.covariance.diagonal()[:4].reshape(2, 2)
+    return float(np.sqrt(variance.sum(axis=1).max()))
 
 
 def _behind(
