@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pivometer._arrays import Floats, checked, read_only
 from pivometer.calibration.board import Board, BoardView
 from pivometer.calibration.board_shape import BoardShape
+from pivometer.calibration.response import CameraResponse
 from pivometer.cameras import Rig
 
 
@@ -59,6 +60,8 @@ class CameraQuality:
         The view that fits worst.
     worst_rms_px
         Its root-mean-square distance, px.
+    response
+        How linearly it records light, as the board's edges tell; `None` where they do not.
     """
 
     name: str
@@ -70,6 +73,7 @@ class CameraQuality:
     tilt_deg: float
     worst_view: str
     worst_rms_px: float
+    response: CameraResponse | None = None
 
     def __post_init__(self) -> None:
         values = read_only(checked(self.parameters_u, (None,), "parameters_u"))

@@ -27,6 +27,7 @@ from pivometer.pipeline.reading import (
     usable,
     usual_size,
 )
+from pivometer.pipeline.responding import with_responses
 
 Method = Literal["joint", "paper"]
 """How to calibrate: everything adjusted together, or the paper's two steps."""
@@ -99,6 +100,7 @@ def calibrate(
         if 2 * len(unseen) >= len(found):
             raise _with_reason(error, unseen, len(found)) from error
         raise diagnosed(error, views, session.board, sizes) from error
+    calibration = with_responses(calibration, reads, progress)
     return replace(
         calibration,
         rejected=unseen + calibration.rejected,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import permutations
 
@@ -18,6 +18,7 @@ from pivometer.io.session import Session
 from pivometer.measurement import ImportedRig, Measurement
 from pivometer.pipeline.calibrating import corners
 from pivometer.pipeline.reading import Progress, hashes, in_threads, read
+from pivometer.pipeline.responding import LINEAR_ADVICE, bent_cameras, response_findings
 from pivometer.rcm import Finding
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.gate import NOMINAL_TOLERANCE, SPREAD_TOLERANCE
@@ -126,7 +127,10 @@ def _rms_mm(group: SeenAlike, rig: Rig) -> float:
 
 
 def refuse_other_scale(
-    diameters_mm: Sequence[Sequence[float] | Floats], nominal_mm: float | None, square_mm: float
+    diameters_mm: Sequence[Sequence[float] | Floats],
+    nominal_mm: float | None,
+    square_mm: float,
+    bent: Collection[str] = (),
 ) -> None:
     """Refuse a session in which the shaft measures the same everywhere, but not what is stated.
 
@@ -134,7 +138,7 @@ def refuse_other_scale(
     ------
     CalibrationError
         If its diameter is off by more than any scale could be; the message says which square size
-        would explain it.
+        would explain it, or that cameras which are not linear leave that open.
     """
     if nominal_mm is None or len(diameters_mm) < 5:
         return
@@ -143,13 +147,25 @@ def refuse_other_scale(
     spread = 1.4826 * float(np.median(np.abs(every - median)))
     off = median / nominal_mm - 1
     if abs(off) > NOMINAL_TOLERANCE and spread < 0.03 * median:
-        raise CalibrationError(
+        seen = (
             f"the shaft measures {median:.2f} mm in every pose (scatter {spread:.2f} mm), but "
-            f"session.toml states {nominal_mm:g} mm: square_mm would have to be "
-            f"{square_mm * nominal_mm / median:.3f} instead of {square_mm:g}",
+            f"session.toml states {nominal_mm:g} mm"
+        )
+        if bent:
+            raise CalibrationError(f"{seen}; {_no_scale(bent)}", next_step=LINEAR_ADVICE)
+        raise CalibrationError(
+            f"{seen}: square_mm would have to be {square_mm * nominal_mm / median:.3f} instead of "
+            f"{square_mm:g}",
             next_step="measure a square of the board and the shaft with a caliper, and correct "
             "board.square_mm or shaft.diameter_mm",
         )
+
+
+def _no_scale(bent: Iterable[str]) -> str:
+    return (
+        "that says nothing of the scale, since not all cameras record light linearly "
+        f"({', '.join(bent)}), which changes widths, not lengths"
+    )
 
 
 def scale_finding(measurement: Measurement) -> Finding | None:
@@ -173,11 +189,15 @@ def scale_finding(measurement: Measurement) -> Finding | None:
     off = value / nominal - 1
     if abs(value - nominal) < 3 * np.hypot(u, min(CALIPER_U_MM, STATED_U_PART * nominal)):
         return None
+    seen = (
+        f"the shaft measures {value:.3f} ± {2 * u:.3f} mm (all edges of {len(measurement.used)} "
+        f"poses, k = 2), {100 * off:+.1f} % from the stated {nominal:g} mm"
+    )
+    if bent := bent_cameras(measurement.calibration):
+        return Finding("warning", f"{seen}; {_no_scale(bent)}", LINEAR_ADVICE)
     return Finding(
         "warning",
-        f"the shaft measures {value:.3f} ± {2 * u:.3f} mm (all edges of {len(measurement.used)} "
-        "poses, k = 2), "
-        f"{100 * off:+.1f} % from the stated {nominal:g} mm; if that is the scale, all lengths are "
+        f"{seen}; if that is the scale, all lengths are "
         f"off by as much, and square_mm would have to be {board.square_mm / (1 + off):.3f} instead "
         f"of {board.square_mm:g}",
         "measure a square of the board over its whole width, and the shaft's diameter, with a "
@@ -209,8 +229,9 @@ def flat_poses_finding(measurement: Measurement) -> Finding | None:
 def with_checks(
     measurement: Measurement, session: Session, progress: Progress | None = None
 ) -> Measurement:
-    """Add what diameter, sight, scenery and the board views at the end say about the answer."""
+    """Add what responses, diameter, sight, scenery and closing views say about the answer."""
     checked = (
+        *response_findings(measurement),
         scale_finding(measurement),
         flat_poses_finding(measurement),
         *movement_findings(measurement),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import starmap
@@ -47,6 +47,7 @@ from pivometer.pipeline.other_points import with_all_points
 from pivometer.pipeline.own_error import with_own_error
 from pivometer.pipeline.provenance import provenance_now, settings_hashes
 from pivometer.pipeline.reading import Progress
+from pivometer.pipeline.responding import bent_cameras
 from pivometer.pipeline.shaft_checking import Route, Triangulated, checked_poses, with_shaft
 from pivometer.pipeline.shafts import SHAFT_ADVICE, moved_camera, session_shafts
 from pivometer.pipeline.structuring import with_structure
@@ -278,7 +279,8 @@ def measure_edges(
     DataError
         If the data cannot support an answer: its subclasses say why.
     """
-    poses = _without_repeated(session, _poses(session, calibration.rig, seen), inputs)
+    found = _poses(session, calibration.rig, seen, bent_cameras(calibration))
+    poses = _without_repeated(session, found, inputs)
     poses, shaft = checked_poses(poses, calibration, centerline)
     measurement = replace(_measurement(session, calibration, poses, inputs), floor=floor)
     measurement = with_shaft(measurement, shaft, centerline)
@@ -340,7 +342,10 @@ def _refuse_other_cameras(session: Session, rig: Rig) -> None:
 
 
 def _poses(
-    session: Session, rig: Rig, seen: Mapping[str, Mapping[str, ShaftEdges | DataError]]
+    session: Session,
+    rig: Rig,
+    seen: Mapping[str, Mapping[str, ShaftEdges | DataError]],
+    bent: Collection[str],
 ) -> list[Triangulated | RejectedPose]:
     """Triangulate every pose that at least two cameras saw, and gate the shaft they saw."""
     refuse_wrong_order(seen, rig)
@@ -353,7 +358,7 @@ def _poses(
     ]
     lines = [pose for pose in poses if isinstance(pose, Triangulated)]
     diameters = [line.centerline.diameters_mm for line in lines]
-    refuse_other_scale(diameters, session.diameter_mm, session.board.square_mm)
+    refuse_other_scale(diameters, session.diameter_mm, session.board.square_mm, bent)
     faults = diameter_faults(diameters, nominal_mm=session.diameter_mm)
     wrong = {
         line.pose: RejectedPose(line.pose, fault, SHAFT_ADVICE, line.edges)
