@@ -301,6 +301,23 @@ def test_a_known_background_makes_edges_before_texture_certain():
     assert rms(known) < rms(without)
 
 
+def test_edges_before_a_known_background_are_those_of_the_same_picture_in_16_bits():
+    """Grey levels of a background in the tens of thousands once outweighed all other terms."""
+    rng = np.random.default_rng(31)
+    camera = camera_of()
+    texture = clutter(camera, rng)
+    scene = render(camera, outside=texture, inside=90.0, limb=0.4)
+    image, empty = (
+        (grey + rng.normal(0, NOISE, grey.shape)).clip(0, 255).astype(np.uint8)
+        for grey in (scene.clean, pictured(texture, scene))
+    )
+    eight, sixteen = (
+        fit_edges(image * gain, camera, ShaftSeed(scene.seed_px), background=empty * gain).points_px
+        for gain in (np.uint8(1), np.uint16(257))
+    )
+    np.testing.assert_allclose(sixteen, eight, atol=1e-3)
+
+
 def test_the_sessions_own_frames_tell_clutter_from_shaded_metal():
     """Metal of the clutter's brightness with a highlight: its shading passes for an edge."""
     rng = np.random.default_rng(23)

@@ -188,7 +188,8 @@ def eliminated(
     values *= root[:, None]
     gram = values @ np.swapaxes(values, -1, -2)
     diagonal = np.einsum("kii->ki", gram)
-    diagonal += 1e-9 * diagonal.sum(axis=-1, keepdims=True) + 1e-9
+    diagonal *= 1 + 1e-9
+    diagonal += 1e-9
     inverse = np.linalg.inv(gram)
     grey = root * grey
     levels = inverse @ (values @ grey[..., None])
