@@ -57,6 +57,13 @@ class Candidate:
     unexplained: float = 0.0
 
     @property
+    def slenderness(self) -> float:
+        """How long its edges usually are, in its widths."""
+        ends = np.stack(list(self.edges_px.values())) if self.edges_px else np.zeros((1, 2, 2, 2))
+        lengths = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=-1)
+        return float(np.median(lengths.mean(axis=-1))) / self.width_px
+
+    @property
     def description(self) -> str:
         """How a person would find it in the images."""
         x, y = self.pivot_px

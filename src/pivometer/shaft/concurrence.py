@@ -45,6 +45,9 @@ one of two things must fit. Chosen: a shaft of 12 px was measured 0.83 to 1 of i
 RATIO_SPREAD = 0.15
 """Median departure of single poses from the usual ratio, above which it is not one thing."""
 
+LEAST_SLENDERNESS = 1.5
+"""Carriages were 1.1 to 1.2 widths long in drawn sessions, shafts of 60 px or less at least 1.9."""
+
 WELL = 0.4
 """Of one thing's pairs of edges the widest with this part of the best one's score is its
 silhouette. In drawn scenes: lanes of brushed metal under clutter 1 to 0.5, a collar 0.18."""
@@ -93,6 +96,11 @@ class Together:
     def sigma(self) -> float:
         """Relative standard uncertainty of the diameter."""
         return DIAMETER + DIAMETER_PX / min(one.width_px for one in self.chosen)
+
+    @property
+    def slender(self) -> bool:
+        """Whether all cameras see it longer than wide, as a shaft, not as what holds it."""
+        return min(one.slenderness for one in self.chosen) > LEAST_SLENDERNESS
 
     def departure(self, diameter_mm: float) -> float:
         """Return by how many standard deviations it differs from a stated diameter."""
@@ -248,7 +256,12 @@ def _distinct(ones: Sequence[Together], value: Callable[[Together], float]) -> l
 
 
 def _silhouettes(agreeing: Sequence[Together]) -> list[Together]:
-    """Return the widest of each thing's pairs of edges that are seen well: the rest lie inside."""
+    """Return the widest of each thing's pairs of edges that are seen well: the rest lie inside.
+
+    What turns with a slender shaft and is about as long as wide is the carriage that holds it.
+    """
+    slender = {one.things for one in agreeing if one.slender}
+    agreeing = [one for one in agreeing if one.slender or one.things not in slender]
     best: dict[tuple[int, ...], float] = {}
     for one in agreeing:
         best[one.things] = max(best.get(one.things, 0.0), one.score)
