@@ -17,7 +17,17 @@ POSES = [{k: f"{k:03}" for k in range(12)}] * 2
 PIVOT, ROD_PIVOT = np.array([0.0, 60.0, 450.0]), np.array([45.0, 55.0, 470.0])
 
 
-def seen(pivot, diameter_mm, *, thing, seed, noise_px=0.5, support=1000.0, shift=0):
+def seen(
+    pivot,
+    diameter_mm,
+    *,
+    thing,
+    seed,
+    noise_px=0.5,
+    support=1000.0,
+    shift=0,
+    reach_mm=(20.0, 120.0),
+):
     """Return what each camera sees of a cylinder that turns about a point."""
     rng = np.random.default_rng(seed)
     tilts = rng.uniform(-0.4, 0.4, (12, 2))
@@ -30,7 +40,7 @@ def seen(pivot, diameter_mm, *, thing, seed, noise_px=0.5, support=1000.0, shift
             point = camera_from_reference @ pivot
             turned = camera_from_reference.rotate(along)
             normals = tangent_plane_normals(point, turned, diameter_mm / 2)
-            axis = point + np.array([[20.0], [120.0]]) * turned
+            axis = point + np.array(reach_mm)[:, None] * turned
             ends = np.stack([camera.project(axis + n * diameter_mm / 2) for n in normals])
             edges[(k + shift) % 12] = ends + rng.normal(0, noise_px, (2, 1, 1))
         depth = float((camera_from_reference @ pivot)[2])
@@ -93,6 +103,18 @@ def test_a_stripe_in_one_camera_is_not_taken_with_the_silhouette_in_the_other():
     found = concurrence(candidates, POSES, RIG)
     assert found.shaft is not None
     assert found.shaft.chosen == (shaft[0], shaft[1])
+
+
+@pytest.mark.parametrize(("length_mm", "diameter_mm"), [(44.0, 20.0), (90.0, 40.0)])
+def test_the_carriage_that_holds_the_shaft_is_not_its_silhouette(length_mm, diameter_mm):
+    shaft = seen(PIVOT, 20.0, thing=0, seed=1)
+    reach = 120.0 - length_mm, 120.0
+    holder = seen(PIVOT, 40.0, thing=0, seed=1, support=450.0, reach_mm=reach)
+    found = concurrence(together(shaft, holder), POSES, RIG)
+    assert found.shaft is not None
+    assert found.shaft.diameter_mm == pytest.approx(diameter_mm, abs=1.0)
+    alone = concurrence(together(holder), POSES, RIG)
+    assert alone.shaft is not None
 
 
 def test_two_rods_as_wide_are_refused_and_told_apart_by_a_stated_diameter():
