@@ -114,11 +114,13 @@ def test_columns_are_what_refitted_remainders_change_by():
     rng = np.random.default_rng(1)
     seen = edges_of(rng, [THREE] * 6, *poses(rng, 6))
     del seen[2][1], seen[4][2]
-    left = remainders(seen, THREE, spread(THREE))
+    left = remainders(seen, THREE, spread(THREE), [0.0] * 3)
     for index, sigma in enumerate(np.sqrt(spread(THREE).diagonal())):
         step = np.zeros(len(THREE.parameter_names))
         step[index] = sigma
-        there, back = (remainders(seen, THREE.perturbed(s), None).values for s in (step, -step))
+        there, back = (
+            remainders(seen, THREE.perturbed(s), None, [0.0] * 3).values for s in (step, -step)
+        )
         change = (there - back) / 2
         column = left.by_calibration[..., np.argmax(np.abs(left.by_calibration).sum(axis=(0, 1)))]
         root = left.by_calibration.reshape(-1, left.by_calibration.shape[2])

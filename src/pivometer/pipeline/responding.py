@@ -18,6 +18,8 @@ from pivometer.io.images import HashedImage
 from pivometer.measurement import ImportedRig, Measurement
 from pivometer.pipeline.reading import Progress, ReadImage, in_threads
 from pivometer.rcm import Finding
+from pivometer.shaft.edges import ShaftEdges
+from pivometer.shaft.response import SHIFT_BLURS
 
 MOST_VIEWS = 12
 """Views of each camera that are looked at: enough to know κ to 0.01, of JPEG files to 0.03."""
@@ -76,6 +78,26 @@ def bent_cameras(calibration: Calibration | ImportedRig) -> dict[str, CameraResp
     }
 
 
+def moved_outward_px(
+    calibration: Calibration | ImportedRig, edges: Sequence[Sequence[ShaftEdges]]
+) -> list[float]:
+    """Return how far each camera's response moves both edges of a shaft apart or together, px.
+
+    The board tells how much, but the shaft's contrast tells which way: it is a standard uncertainty
+    of the diameter, and moves no centerline.
+    """
+    bent = bent_cameras(calibration)
+    blurs = {
+        name: [one.blur_px for pose in edges for one in pose if one.camera == name] for name in bent
+    }
+    moved = {
+        name: SHIFT_BLURS * abs(response.bend) * float(np.median(blurs[name]))
+        for name, response in bent.items()
+        if blurs[name]
+    }
+    return [moved.get(camera.name, 0.0) for camera in calibration.rig.cameras]
+
+
 def _what(response: CameraResponse) -> str:
     as_with = f"of about {response.gamma:.1f}" if response.bend > 0 else "below 1"
     return (
@@ -95,7 +117,7 @@ def _finding(name: str, response: CameraResponse) -> Finding:
     return Finding(
         "warning",
         f"camera {name} {_what(response)}. A dark shaft before something bright measures too "
-        f"{dark} in it, a bright one before something dark too {bright}, and the uncertainty of "
-        "the diameter does not hold that; the centerlines stay",
+        f"{dark} in it, a bright one before something dark too {bright}, which the uncertainty of "
+        "the diameter holds; the centerlines stay",
         LINEAR_ADVICE,
     )

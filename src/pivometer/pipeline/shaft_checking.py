@@ -19,6 +19,7 @@ from pivometer.measurement import (
     ShaftAgreement,
     UsedPose,
 )
+from pivometer.pipeline.responding import moved_outward_px
 from pivometer.rcm import Finding
 from pivometer.shaft.edges import ShaftEdges
 from pivometer.shaft.mosaic_edges import ADVICE, WARNING
@@ -92,7 +93,8 @@ def _check(poses: Poses, calibration: Calibration | ImportedRig) -> ShaftCheck |
         return None
     covariance = None if isinstance(calibration, ImportedRig) else calibration.covariance
     try:
-        return check_shaft(edges, calibration.rig, covariance)
+        outward_px = moved_outward_px(calibration, edges)
+        return check_shaft(edges, calibration.rig, covariance, outward_px=outward_px)
     except DegenerateGeometryError:
         return None  # the poses' own centerlines stand; `with_shaft` says that nothing was judged
 

@@ -20,7 +20,7 @@ from pivometer.shaft.bands import width_px
 from pivometer.shaft.beside import best_levels, hats, shown_part
 from pivometer.shaft.fitted import FittedEdges
 from pivometer.shaft.ladder import inflation, known_behind
-from pivometer.shaft.rungs import OUT, Blur, Rest, Rung, eliminated, terms_of
+from pivometer.shaft.rungs import OUT, Blur, Rest, Rung, eliminated, ridge_of, terms_of
 from pivometer.shaft.samples import Behind, Samples, pixels
 from pivometer.shaft.strip import strip
 
@@ -185,7 +185,7 @@ def _linearized(samples: Samples, profile: Floats, own: Floats) -> Rest:
     seen, slope, spread = terms_of(x, float(own[2]), samples, WINDOW, slice(None))
     values = np.concatenate([seen, profile], axis=1)
     levels, columns, rest = eliminated(
-        values, slope, spread, samples.grey, root, samples.scale, samples.lever
+        values, slope, spread, samples.grey, root, samples.scale, samples.lever, ridge_of(samples)
     )
     return Rest(
         information=rest[:, :3, :3],

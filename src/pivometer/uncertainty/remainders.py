@@ -20,7 +20,7 @@ from pivometer.shaft.cylinder_fit import CylinderFits, fit_cylinders
 from pivometer.shaft.edges import edge_normals
 from pivometer.uncertainty.carried_edges import EdgePoints
 from pivometer.uncertainty.propagation import square_root
-from pivometer.uncertainty.shading import shifted_outward
+from pivometer.uncertainty.shading import SHADING_PX, shifted_outward
 
 POINTS_AN_EDGE = 5
 """Points by which an edge is carried through a changed lens: distortion bends a line to second and
@@ -49,8 +49,9 @@ class Remainders:
     by_radius
         By the radius of all poses, shape (n, 4c), per mm.
     by_shading
-        By one standard uncertainty of what shading does alike in all poses, shape (n, 4c, 2c): for
-        each camera both edges outward, then both to one side.
+        By one standard uncertainty of what shading does alike in all poses, shape (n, 4c, 2c + 1):
+        for each camera both edges outward, then both to one side; then of what the cameras'
+        responses do, in all of them at once.
     by_calibration
         By one standard uncertainty of each independent direction of the rig's covariance, shape
         (n, 4c, r).
@@ -69,7 +70,10 @@ class Remainders:
 
 
 def remainders(
-    edges: Sequence[Sequence[FittedEdges]], rig: Rig, rig_covariance: Floats | None
+    edges: Sequence[Sequence[FittedEdges]],
+    rig: Rig,
+    rig_covariance: Floats | None,
+    outward_px: Sequence[float],
 ) -> Remainders:
     """Fit cylinders of one radius to all poses, and say what their axes leave over.
 
@@ -81,6 +85,8 @@ def remainders(
         The calibrated cameras.
     rig_covariance
         Covariance of the entries of `rig.parameter_names`, shape (d, d); `None` if unknown.
+    outward_px
+        By how much each camera's response moves both edges outward, or inward, px.
 
     Raises
     ------
@@ -98,7 +104,7 @@ def remainders(
     causes = [
         fits.residuals[..., None],
         fits.slopes[..., 4:],
-        _by_shading(fits, normals, rig),
+        _by_shading(fits, normals, rig, outward_px),
         _by_calibration(fits, points, moves, rig, rig_covariance),
         moves.reshape(n, c, 4, 6 * c),
     ]
@@ -157,15 +163,18 @@ def _by_moves(fits: CylinderFits, normals: Floats, rig: Rig) -> Floats:
     return moves
 
 
-def _by_shading(fits: CylinderFits, normals: Floats, rig: Rig) -> Floats:
-    """Return what shifts of both edges do to the residuals, shape (n, c, 4, 2c)."""
+def _by_shading(
+    fits: CylinderFits, normals: Floats, rig: Rig, outward_px: Sequence[float]
+) -> Floats:
+    """Return what shifts of both edges do to the residuals, shape (n, c, 4, 2c + 1)."""
     n, c = fits.residuals.shape[:2]
-    columns = np.zeros((n, c, 4, 2 * c))
+    columns = np.zeros((n, c, 4, 2 * c + 1))
     for k, camera in enumerate(rig.cameras):
         shift = shifted_outward(normals[:, k], camera)
         for place, sides in enumerate(([1.0, 1.0], [1.0, -1.0])):
             moved = -(shift * np.array(sides)[:, None]).reshape(n, 6, 1)
             columns[:, k, :, 2 * k + place] = (fits.whitening[:, k] @ moved)[..., 0]
+        columns[:, k, :, -1] = outward_px[k] / SHADING_PX * columns[:, k, :, 2 * k]
     return columns
 
 

@@ -136,6 +136,7 @@ def check_shaft(
     rig: Rig,
     rig_covariance: ArrayLike | None,
     *,
+    outward_px: Sequence[float] | None = None,
     chance: float = CHANCE,
 ) -> ShaftCheck:
     """Fit one cylinder to each pose, all of one radius, and judge what is left over.
@@ -148,6 +149,9 @@ def check_shaft(
         The calibrated cameras.
     rig_covariance
         Covariance of the entries of `rig.parameter_names`, shape (d, d); `None` if unknown.
+    outward_px
+        By how much each camera's response may have moved both edges of the shaft outward or inward,
+        px, as a standard uncertainty; nothing where none is given.
     chance
         How often chance may bring each of the three statements.
 
@@ -158,7 +162,7 @@ def check_shaft(
     """
     size = len(rig.parameter_names)
     given = None if rig_covariance is None else checked(rig_covariance, (size, size), "covariance")
-    left = remainders(edges, rig, given)
+    left = remainders(edges, rig, given, outward_px or [0.0] * len(rig.cameras))
     explained = np.concatenate([left.by_shading, left.by_calibration], axis=2)
     still, share = _without_moves(left)
     scatter, chi_squares = _scatter(still, share * left.freedom, explained)
