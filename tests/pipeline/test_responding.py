@@ -17,7 +17,7 @@ from pivometer.calibration.response import CameraResponse
 from pivometer.errors import CalibrationError
 from pivometer.io.result import read_rig, rig_text
 from pivometer.pipeline.diagnosing import refuse_other_scale, scale_finding
-from pivometer.pipeline.responding import bent_cameras, response_findings
+from pivometer.pipeline.responding import bent_cameras, moved_outward_px, response_findings
 
 GAMMA = 2.2
 
@@ -91,6 +91,26 @@ def test_a_diameter_that_gamma_makes_wrong_is_not_called_the_scale(make_measurem
     (told,) = response_findings(measurement)
     assert "gamma of about 2.2" in told.text
     assert "dark shaft before something bright measures too thin" in told.text
+
+
+def test_the_board_tells_how_far_the_shafts_edges_are_moved(make_measurement):
+    measurement = make_measurement()
+    edges = [pose.edges for pose in measurement.used]
+    assert moved_outward_px(measurement.calibration, edges) == [0.0, 0.0]
+    response = CameraResponse(0.6, 0.01, 2.2, 0.03, 12)
+    bent = with_response(measurement, response).calibration
+    names = [camera.name for camera in bent.rig.cameras]
+    blurs = [
+        np.median([one.blur_px for pose in edges for one in pose if one.camera == name])
+        for name in names
+    ]
+    # What Φ (1 − Φ) of 0.6 parts of a step does to a fit of Φ: 0.59 blurs each.
+    wanted = [
+        0.6 * 0.591 * blur if name in bent_cameras(bent) else 0.0
+        for name, blur in zip(names, blurs, strict=True)
+    ]
+    assert moved_outward_px(bent, edges) == pytest.approx(wanted)
+    assert max(wanted) > 0.1
 
 
 def test_a_response_the_other_way_round_makes_dark_shafts_thick(make_measurement):

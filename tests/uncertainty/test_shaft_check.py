@@ -164,6 +164,22 @@ def test_stated_uncertainty_of_the_diameter_is_that_of_its_errors(chance_session
     assert min(parts) > 0
 
 
+def test_the_diameter_holds_what_responses_move_and_nothing_else_changes():
+    rng, moved_px = np.random.default_rng(8), 0.25
+    inward = np.full((2, 2), -moved_px)
+    seen = edges_of(rng, [TWO] * 14, *poses(rng, 14), shading_px=inward)
+    plain = check_shaft(seen, TWO, spread(TWO))
+    held = check_shaft(seen, TWO, spread(TWO), outward_px=[moved_px, moved_px])
+    assert plain.diameter.value_mm < DIAMETER_MM - 10 * plain.diameter.u_mm
+    assert held.diameter.value_mm == pytest.approx(plain.diameter.value_mm)
+    # The error is one standard uncertainty of the response; the rest of u is far smaller.
+    off = DIAMETER_MM - held.diameter.value_mm
+    rest = plain.diameter.u_mm
+    assert off == pytest.approx(held.diameter.shading_u_mm, abs=4 * rest)
+    one = check_shaft(seen, TWO, spread(TWO), outward_px=[moved_px, 0.0])
+    assert rest < one.diameter.u_mm < held.diameter.u_mm
+
+
 def test_a_pose_with_one_wrong_edge_is_named_and_no_other():
     rng = np.random.default_rng(3)
     wrong = np.zeros((14, 2, 2))
