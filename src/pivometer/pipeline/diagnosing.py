@@ -280,7 +280,7 @@ def _without_later(moved: CameraMovement) -> str:
 
 def _at_rcm_mm(moved: CameraMovement, measurement: Measurement) -> float:
     rig = measurement.calibration.rig
-    number = [camera.name for camera in rig.cameras].index(moved.camera)
+    number = rig.index(moved.camera)
     camera_from_reference = rig.reference_from_camera[number].inverse()
     depth_mm = (camera_from_reference @ measurement.rcm.least_squares.point_mm)[2]
     return moved.shift_px * float(depth_mm / rig.cameras[number].focal_px.mean())

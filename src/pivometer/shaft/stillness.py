@@ -182,39 +182,31 @@ class Scenery:
 
 def _followed(small: Image, shrinking: int) -> _Followed:
     """Choose the pixels of a copy that tell most, in all parts of it."""
-    band = _band(small, shrinking)
+    copy = averaged(small, shrinking)
+    band = _band(copy)
     slope = np.stack([cv2.Scharr(band, -1, *along, scale=1 / 32) for along in ((1, 0), (0, 1))])
     steep = np.square(slope).sum(axis=0)
     # Beside the border the blur mirrors what is inside.
     border = int(np.ceil(2 * BLUR_PX))
     inside = np.zeros_like(steep)
     inside[border:-border, border:-border] = 1
-    rows, columns = _steepest(inside * steep)
+    cells, rows, columns = _steepest(inside * steep)
     enough = steep[rows, columns]
-    least = NOISES * SLOPE_NOISE * _noise(averaged(small, shrinking))
+    least = NOISES * SLOPE_NOISE * _noise(copy)
     kept = enough > np.maximum(LEAST_SLOPE**2 * np.percentile(enough, 90), least**2)
-    rows, columns = rows[kept], columns[kept]
+    cells, rows, columns = cells[kept], rows[kept], columns[kept]
     place = np.stack([columns, rows]).astype(np.float64)
     height, width = band.shape
     away = (place - np.array([[width - 1], [height - 1]]) / 2) / (width / 2)
     gx, gy = slope[:, rows, columns].astype(np.float64)
     jacobian = np.stack([gx, gy, gy * away[0] - gx * away[1], gx * away[0] + gy * away[1]])
-    size = np.array([[width], [height]])
-    column, row = (place * np.array([CELLS]).T // size).astype(np.intp)
-    return _Followed(
-        shrinking,
-        CELLS[0] * row + column,
-        place,
-        away,
-        band[rows, columns].astype(np.float64),
-        jacobian,
-    )
+    grey = band[rows, columns].astype(np.float64)
+    return _Followed(shrinking, cells, place, away, grey, jacobian)
 
 
-def _band(small: Image, shrinking: int) -> NDArray[np.float32]:
+def _band(copy: Image) -> NDArray[np.float32]:
     """Return the blurred grey levels of a copy less their surroundings' mean."""
-    copy = averaged(small, shrinking).astype(np.float32)
-    smooth = cv2.GaussianBlur(copy, (0, 0), BLUR_PX)
+    smooth = cv2.GaussianBlur(copy.astype(np.float32), (0, 0), BLUR_PX)
     return np.asarray(smooth - cv2.boxFilter(smooth, -1, (BESIDE_PX, BESIDE_PX)), dtype=np.float32)
 
 
@@ -230,17 +222,17 @@ def _noise(copy: Image) -> float:
     return max(1.4826 * float(np.median(np.abs(rough))) / 6, LEAST_NOISE_GREY)
 
 
-def _steepest(steep: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the rows and columns of the steepest pixels of each cell."""
-    found = []
+def _steepest(steep: NDArray[np.float32]) -> NDArray[np.intp]:
+    """Return cells, rows and columns of the steepest pixels of each cell, shape (3, n)."""
+    found: list[NDArray[np.intp]] = []
     for rows in np.array_split(np.arange(steep.shape[0]), CELLS[1]):
         for columns in np.array_split(np.arange(steep.shape[1]), CELLS[0]):
             cell = steep[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].ravel()
             place = np.argpartition(cell, -min(CELL_PIXELS, cell.size))[-CELL_PIXELS:]
             row, column = np.divmod(place, len(columns))
-            found.append(np.stack([rows[0] + row, columns[0] + column]))
-    rows, columns = np.concatenate(found, axis=1)
-    return rows, columns
+            number = np.full(len(place), len(found))
+            found.append(np.stack([number, rows[0] + row, columns[0] + column]))
+    return np.concatenate(found, axis=1)
 
 
 def _registered(small: Image, copies: Sequence[_Followed], start: Floats) -> Floats | None:
@@ -251,7 +243,7 @@ def _registered(small: Image, copies: Sequence[_Followed], start: Floats) -> Flo
     """
     moved, gain = start.copy(), 0.0
     for followed in copies:
-        band = _band(small, followed.shrinking)
+        band = _band(averaged(small, followed.shrinking))
         moved = moved / followed.shrinking
         gain = gain or _usual(_seen(band, followed, moved)) / _usual(followed.grey)
         for _ in range(ITERATIONS):
