@@ -18,7 +18,14 @@ from pivometer.cameras import Camera, Rig
 from pivometer.errors import CalibrationError, DataError, ShaftNotFoundError
 from pivometer.io.images import HashedImage, Image
 from pivometer.io.session import ImageFile, Session
-from pivometer.pipeline.reading import Progress, ReadImage, hashes, streamed, usable
+from pivometer.pipeline.reading import (
+    Progress,
+    ReadImage,
+    fitting_threads,
+    hashes,
+    streamed,
+    usable,
+)
 from pivometer.shaft.backdrop import backdrop_of
 from pivometer.shaft.background import sampled
 from pivometer.shaft.concurrence import agreed_finders
@@ -176,7 +183,8 @@ class _Look:
         """Find and fit the shaft in all frames."""
         inputs, stage = dict(self._inputs), f"fitting edges {self.camera.name}"
         outcomes: dict[str, ShaftEdges | DataError] = {}
-        fitted = streamed(self._edges, self._files, stage, self._progress, self.first.kept)
+        threads = fitting_threads(self.camera.width, self.camera.height)
+        fitted = streamed(self._edges, self._files, stage, self._progress, self.first.kept, threads)
         for file, (digests, outcome) in zip(self._files, fitted, strict=True):
             inputs |= digests
             outcomes[file.stem] = outcome

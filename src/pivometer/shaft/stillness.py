@@ -52,6 +52,10 @@ LARGEST_SIGMA_PX = 0.03
 shows there, to 0.03 px. Rendered sessions: right ones over 0.8 and under 0.015, wrong ones under
 0.3."""
 
+MOST_MISSES = 8
+"""If so many more pictures do not tell their shift than do, no others are compared: before a dark
+wall each would take 12 to 20 ms for nothing."""
+
 TURNED_OVER: dict[str, tuple[slice, slice]] = {
     "mirrored, left for right,": (slice(None), slice(None, None, -1)),
     "turned by half a turn": (slice(None, None, -1), slice(None, None, -1)),
@@ -149,7 +153,8 @@ class Scenery:
         self._places = np.array([[x, y] for y in (-quarter, quarter) for x in (-0.5, 0.5)])
         self._copies = [_followed(small, shrinking) for shrinking in SHRINKINGS]
         self._last = np.zeros(4)
-        self._tells = len(np.unique(self._copies[-1].cell)) >= LEAST_CELLS
+        cells = len(np.unique(self._copies[-1].cell))
+        self._patience = MOST_MISSES if cells >= LEAST_CELLS else 0
 
     def shift_px(self, image: Image) -> Floats | None:
         """Return how far the scenery is shifted in another picture of the same size.
@@ -158,9 +163,9 @@ class Scenery:
         -------
         numpy.ndarray or None
             Shifts at the middles of the picture's four quarters, shape (4, 2), raw px; `None` where
-            too little of the scenery is seen again.
+            too little of the scenery is seen again, or was in most others.
         """
-        if not self._tells:
+        if self._patience <= 0:
             return None
         small = averaged(image, self._factor)
         # From where the last picture was, usually the largest copy tells.
@@ -168,7 +173,9 @@ class Scenery:
             moved = _registered(small, self._copies[first:], self._last)
             if moved is not None:
                 self._last = moved
+                self._patience += 1
                 return _shifts(moved, self._places) * self._factor
+        self._patience -= 1
         return None
 
     def turned_over(self, image: Image) -> str | None:
