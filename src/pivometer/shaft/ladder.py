@@ -380,7 +380,7 @@ def _first(window: _Window, widest: Rung, cluttered: float) -> tuple[_Edges, Flo
         rest = evaluate(window.pixels(FIRST, alike), FIRST, parameters, window.widen)
     noise = _noise(rest)
     around = evaluate(window.pixels(SURROUNDINGS, alike), SURROUNDINGS, parameters, window.widen)
-    if np.mean(_cluttered(around, noise)) > cluttered:
+    if _cluttered(around, noise) > cluttered:
         return None
     samples = window.binned(widest, alike, parameters)
     edges = _Edges(window, alike, samples, noise)
@@ -432,13 +432,13 @@ def _alike_rows(rest: Rest) -> Floats:
     return np.asarray((mean < limit) & (count > 0), dtype=np.float64)
 
 
-def _cluttered(rest: Rest, noise: float) -> NDArray[np.bool_]:
-    """Return which of the chunks that reach so far have surroundings other than a ramp."""
+def _cluttered(rest: Rest, noise: float) -> float:
+    """Return the part of the chunks that reach so far with surroundings other than a ramp."""
     far = (rest.count > 0) & (rest.x_px > CLEAR_PX)
     count = far.sum(axis=-1)
     variance = (far * rest.residual**2).sum(axis=-1) / np.maximum(count, 1)
-    other: NDArray[np.bool_] = variance > CLUTTER_TIMES * noise**2
-    return np.asarray(other[count > CHUNK_ROWS])
+    other = (variance > CLUTTER_TIMES * noise**2)[count > CHUNK_ROWS]
+    return float(other.mean()) if other.size else 0.0
 
 
 def _climbed(
