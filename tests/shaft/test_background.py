@@ -1,5 +1,6 @@
 """What stands still is told from what moves."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -8,6 +9,7 @@ from pivometer.shaft.background import (
     WorkingScale,
     gradient,
     moving_edges,
+    outline_edges,
     sampled,
     shrinking,
     static_scene,
@@ -42,6 +44,30 @@ def test_gradient_directions_are_unit_vectors_across_the_edge() -> None:
     assert np.hypot(*edges.directions.T) == pytest.approx(1.0)
     upright = np.abs(edges.points_px[:, 1] - 35) < 20
     assert np.abs(edges.directions[upright, 0]) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_before_an_empty_frame_only_the_outline_of_a_bar_with_lanes_shows() -> None:
+    rng = np.random.default_rng(5)
+    clutter = cv2.GaussianBlur(rng.uniform(0, GREY_UNITS, (120, 160)), (0, 0), 4)
+    room = 1800 + 2 * (clutter - clutter.mean())
+    bar = room.copy()
+    # 10 of 255 grey levels brighter than what is behind, but for one lane that is far brighter and
+    # one that is as bright; and the light flickers by 4 %.
+    bar[10:110, 60:100] = room[10:110, 60:100] + 160
+    bar[10:110, 68:74] += 900
+    bar[10:110, 82:86] = room[10:110, 82:86]
+    noisy = [
+        cv2.GaussianBlur(image, (0, 0), 0.8) + rng.normal(0, 32, room.shape)
+        for image in (room, 1.04 * bar)
+    ]
+    empty, copy = (np.clip(np.rint(image), 0, GREY_UNITS).astype(np.uint16) for image in noisy)
+    scene = static_scene([empty], [gradient(empty)], gradient(copy))
+    x, y = outline_edges(copy, scene).points_px.T
+    beside = (y > 15) & (y < 105)
+    for side in (59.5, 99.5):
+        assert (np.abs(x - side)[beside] < 1.6).sum() >= 70
+    assert ((x > 81) & (x < 97) & beside).sum() <= 20
+    assert ((x < 55) | (x > 104) | (y < 5) | (y > 115)).sum() <= 20
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 8])

@@ -40,6 +40,12 @@ def test_a_short_piece_of_the_same_edges_is_no_other_width() -> None:
     assert shaft.width_px == pytest.approx(46.0)
 
 
+def test_a_thin_shaft_has_no_other_width_that_lines_cannot_tell() -> None:
+    (shaft,) = listed((60, 260, 47.8, 0.0))
+    assert shaft.width_px == pytest.approx(46.0, abs=2.0)
+    assert len(listed((60, 260, 49.0, 0.0))) == 2
+
+
 def test_a_stripe_is_another_width_and_its_edges_are_its_own() -> None:
     found = listed((60, 260, 40.0, 0.0))
     for one, width in zip(found, (46.0, 40.0), strict=True):

@@ -90,22 +90,23 @@ def test_a_shaft_is_found_in_every_frame(
     assert max(error_px(s, e) for s, e in zip(found, truth, strict=True)) < SEED_ERROR_PX
 
 
-def brushed(edges: Floats, *, seed: int) -> NDArray[np.uint8]:
-    """Draw a shaft with eight bright lanes along it."""
-    image = scene(edges, 90, 140, clutter=True, seed=seed).astype(np.float64)
+def brushed(edges: Floats, lanes: Floats, *, grey: int, seed: int) -> NDArray[np.uint8]:
+    """Draw a shaft before a wall of 140 with lanes along it: what they add, evenly across."""
+    image = scene(edges, grey, 140, clutter=True, seed=seed).astype(np.float64)
     y, x = np.mgrid[0:480, 0:640]
     along = edges.mean(axis=0)[1] - edges.mean(axis=0)[0]
     normal = np.array([-along[1], along[0]]) / np.hypot(*along)
     place = np.stack([x, y], axis=-1) - edges.mean(axis=0)[0]
     across = place @ normal / np.hypot(*(edges[1, 0] - edges[0, 0])) + 0.5
     on = (place @ along > 0) & (place @ along < along @ along) & (np.abs(across - 0.5) < 0.5)
-    image -= np.where(on, 30 * np.cos(2 * np.pi * 8 * across), 0)
+    image[on] += lanes[(across[on] * len(lanes)).astype(int)]
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
 def test_lanes_along_a_shaft_do_not_hide_its_edges_in_frames_that_taught_nothing() -> None:
     truth = poses(SPREAD, 90.0)
-    frames = [brushed(e, seed=i) for i, e in enumerate(truth)]
+    lanes = -30 * np.cos(2 * np.pi * 8 * np.linspace(0, 1, 720))
+    frames = [brushed(e, lanes, grey=90, seed=i) for i, e in enumerate(truth)]
     finder = learn_shaft(frames[:-2])
     for frame, edges in zip(frames[-2:], truth[-2:], strict=True):
         assert error_px(finder.find(frame), edges) < SEED_ERROR_PX
@@ -166,6 +167,18 @@ def test_an_empty_frame_gives_the_background() -> None:
     truth = poses(np.array([0.1, 0.2, 0.3, 0.4]), 30.0)
     frames = [scene(e, 20, 140, clutter=True, seed=i) for i, e in enumerate(truth)]
     empty = scene(None, 20, 140, clutter=True, seed=99)
+    found = find_shaft(frames, background=empty)
+    assert max(error_px(s, e) for s, e in zip(found, truth, strict=True)) < SEED_ERROR_PX
+
+
+def test_before_an_empty_frame_no_lane_of_a_shaft_as_bright_as_the_wall_is_its_edge() -> None:
+    rough = np.random.default_rng(8).normal(0, 1, (1, 400))
+    lanes = cv2.GaussianBlur(rough, (0, 0), 12)[0]
+    truth = poses(SPREAD, 60.0)
+    frames = [
+        brushed(e, 10 + 8 * lanes / lanes.std(), grey=140, seed=i) for i, e in enumerate(truth)
+    ]
+    empty = scene(None, 0, 140, clutter=True, seed=99)
     found = find_shaft(frames, background=empty)
     assert max(error_px(s, e) for s, e in zip(found, truth, strict=True)) < SEED_ERROR_PX
 

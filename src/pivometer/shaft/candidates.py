@@ -12,11 +12,13 @@ from pivometer.shaft.background import WorkingScale
 from pivometer.shaft.motion import Motion, PairTable, at_pivot, hinted_motion
 from pivometer.shaft.pairs import EdgePair
 from pivometer.shaft.rivals import SAME_PIVOT_SPREADS, SERIOUS_SHARE, Turning
+from pivometer.shaft.straight import SAME_LINE_PX
 
 MOST_WIDTHS = 5
 OTHER_WIDTH = 0.05
 """Pairs about one pivot are another pair of edges where their width there differs by a twentieth: a
-stripe, a lane of brushed metal, a highlight and one edge, or the silhouette around all these."""
+stripe, a lane of brushed metal, a highlight and one edge, or the silhouette around all these. Not
+by less than lines differ that are not the same."""
 
 LEAST_SUPPORT = 0.15
 """Share of the thing's edge length that another width must show."""
@@ -161,7 +163,7 @@ def _widths(thing: Turning, table: PairTable) -> list[tuple[Turning, PairTable]]
     found = [(thing, table)]
     while len(found) < MOST_WIDTHS:
         known = found[-1][0].motion.width_px
-        apart = np.maximum(OTHER_WIDTH * known, FITTING_SPREADS * sigma)
+        apart = np.maximum(max(OTHER_WIDTH * known, SAME_LINE_PX), FITTING_SPREADS * sigma)
         rest = rest & (np.abs(width - known) > apart)
         part = table.rows(rest)
         motion = hinted_motion(part, thing.motion.pivot_px, None)

@@ -23,6 +23,7 @@ from pivometer.shaft.background import (
     averaged,
     gradient,
     moving_edges,
+    outline_edges,
     sampled,
     shrinking,
     static_scene,
@@ -133,6 +134,7 @@ class _Search:
     size_px: tuple[int, int]
     centre_px: Floats
     knows_background: bool
+    has_empty: bool
 
     def frame(
         self,
@@ -141,14 +143,20 @@ class _Search:
         passing: Passing | None = None,
     ) -> _Frame:
         """Search a working copy, given its gradient, for lines that pass where the shaft does."""
-        edges = moving_edges(slopes, self.scene)
+        if self.has_empty:
+            edges = outline_edges(copy, self.scene)
+        else:
+            edges = moving_edges(slopes, self.scene)
         return self._with_lines(copy, edges, edge_lines(edges, self.centre_px, passing), passing)
 
     def again(self, copy: NDArray[np.uint16], frame: _Frame, motion: Motion) -> _Frame:
-        """Search once more, only for lines that pass the pivot."""
-        extra = edge_lines(frame.edges, self.centre_px, motion.passing)
-        fresh = other_lines(extra, frame.lines)
-        return self._with_lines(copy, frame.edges, frame.lines + fresh, motion.passing)
+        """Search once more, only for lines that pass the pivot, among all edges there are."""
+        edges = frame.edges
+        if self.has_empty:
+            edges = edges.joined(moving_edges(gradient(copy), self.scene))
+        lines = edge_lines(edges, self.centre_px, motion.passing)
+        lines += other_lines(frame.lines, lines)
+        return self._with_lines(copy, edges, lines, motion.passing)
 
     def _with_lines(
         self,
@@ -322,7 +330,7 @@ def _search(
     height, width = scene.grey.shape
     known = empty is not None or len(copies) >= TRUSTED_MEDIAN
     centre = np.array([(width - 1) / 2, (height - 1) / 2])
-    return _Search(scale, scene, (width, height), centre, known)
+    return _Search(scale, scene, (width, height), centre, known, empty is not None)
 
 
 def _motion(
@@ -369,8 +377,8 @@ def _chosen(
 ) -> ShaftSeed | SeedRejection:
     found = _best(frame, motion, ENOUGH_LENGTH)
     if isinstance(found, str):
-        again = search.again(search.scale.copy(image), frame, motion)
-        found = _best(again, motion, LEAST_LENGTH)
+        frame = search.again(search.scale.copy(image), frame, motion)
+        found = _best(frame, motion, LEAST_LENGTH)
     if isinstance(found, str):
         return SeedRejection(found)
     edges = refitted_edges(found, frame.edges, search.centre_px)

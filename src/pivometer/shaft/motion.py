@@ -39,7 +39,8 @@ WIDTH_SPREADS = (0.02, 0.06)
 width at the pivot scatters by 0.1 % (clean) to 1.5 % (dark clutter) over the rendered sets."""
 
 EDGE_NOISE_PX = 0.5
-"""How far an end of a pair's edges may be off, which extrapolating to the pivot magnifies."""
+"""How far an end of a pair's edges may be off, which extrapolating to the pivot magnifies; in their
+middle it is half."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +131,8 @@ def at_pivot(
     along = np.column_stack([-table.normal[:, 1], table.normal[:, 0]])
     distance = np.einsum("ij,ij->i", table.middle - pivot_px, along)
     width = table.width - table.taper * distance
-    sigma = np.hypot(width_spread * table.width, EDGE_NOISE_PX * distance / table.run)
+    lever = np.hypot(0.5, distance / table.run)
+    sigma = np.hypot(width_spread * table.width, EDGE_NOISE_PX * lever)
     return table.normal @ pivot_px - table.offset, width, sigma
 
 

@@ -47,6 +47,9 @@ scene has (20 to 140): lanes of brushed metal are as long as the shaft's edges a
 
 LEAST_SUPPORT_PX = 32.0
 
+SAME_LINE_PX = 2.0
+SAME_LINE_RAD = 0.03
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeLine:
@@ -286,9 +289,9 @@ def _stacked(lines: Sequence[EdgeLine]) -> tuple[Floats, Floats]:
 
 
 def _near(ones: tuple[Floats, Floats], others: tuple[Floats, Floats]) -> NDArray[np.bool_]:
-    """Tell which lines are the same edge: within 2 px at the middle and 0.03 rad, shape (n, m)."""
+    """Tell which lines are the same edge: alike at the middle and in direction, shape (n, m)."""
     (a, b), (c, d) = ones, others
     facing = np.where(a @ c.T > 0, 1.0, -1.0)
     turn = a[:, :1] * c[:, 1] - a[:, 1:] * c[:, 0]
     away = b[:, None] - facing * d
-    return np.asarray((np.abs(turn) < 0.03) & (np.abs(away) < 2.0))
+    return np.asarray((np.abs(turn) < SAME_LINE_RAD) & (np.abs(away) < SAME_LINE_PX))
