@@ -26,10 +26,12 @@ def piece(angle: float, begin: float, end: float, width: float, taper: float = 0
     return EdgePair((line, line), begin, end, length, edges, normal, 0.0, middle, width, taper)
 
 
-def listed(*others: tuple[float, float, float, float]) -> tuple[Candidate, ...]:
-    """Return what is listed of a shaft 46 px wide and other pairs of edges: `piece`'s arguments."""
+def listed(
+    *others: tuple[float, float, float, float], width: float = 46.0
+) -> tuple[Candidate, ...]:
+    """Return what is listed of a shaft and other pairs of edges: `piece`'s arguments."""
     angles = np.random.default_rng(1).permutation(np.linspace(-0.5, 0.5, FRAMES))
-    pairs = [[piece(a, 60, 260, 46.0), *(piece(a, *other) for other in others)] for a in angles]
+    pairs = [[piece(a, 60, 260, width), *(piece(a, *other) for other in others)] for a in angles]
     table = pair_table(pairs, [np.ones(1 + len(others))] * FRAMES)
     return candidates(turning_things(table), table, pairs, SCALE, np.zeros(2))
 
@@ -41,9 +43,10 @@ def test_a_short_piece_of_the_same_edges_is_no_other_width() -> None:
 
 
 def test_a_thin_shaft_has_no_other_width_that_lines_cannot_tell() -> None:
-    (shaft,) = listed((60, 260, 47.8, 0.0))
-    assert shaft.width_px == pytest.approx(46.0, abs=2.0)
-    assert len(listed((60, 260, 49.0, 0.0))) == 2
+    # Lines less than 2 px apart count as one.
+    (shaft,) = listed((60, 260, 10.2, 0.0), width=12.0)
+    assert shaft.width_px == pytest.approx(12.0, abs=1.8)
+    assert len(listed((60, 260, 9.0, 0.0), width=12.0)) == 2
 
 
 def test_a_stripe_is_another_width_and_its_edges_are_its_own() -> None:

@@ -91,6 +91,16 @@ def test_another_scene_a_blank_one_and_a_dark_one_tell_nothing() -> None:
     assert scenery.shift_px(picture(np.zeros((480, 640)), 3, robot=False)) is None
 
 
+def test_pictures_are_compared_no_longer_once_eight_more_told_nothing_than_told_something() -> None:
+    same, other = picture(room(1), 3), picture(room(7), 3)
+    scenery = Scenery(picture(room(1), 2))
+    assert scenery.shift_px(same) is not None
+    assert all(scenery.shift_px(other) is None for _ in range(8))
+    assert scenery.shift_px(same) is not None
+    assert all(scenery.shift_px(other) is None for _ in range(2))
+    assert scenery.shift_px(same) is None
+
+
 def test_a_dark_wall_with_noise_is_no_scenery() -> None:
     wall = np.full((480, 640), 6.0)
     scenery = Scenery(picture(wall, 2))  # of which a robot fills a fifth

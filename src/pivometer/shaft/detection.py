@@ -139,14 +139,14 @@ class _Search:
     def frame(
         self,
         copy: NDArray[np.uint16],
-        slopes: NDArray[np.int16],
+        slopes: NDArray[np.int16] | None = None,
         passing: Passing | None = None,
     ) -> _Frame:
-        """Search a working copy, given its gradient, for lines that pass where the shaft does."""
+        """Search a working copy for lines that pass where the shaft does; its gradient if known."""
         if self.has_empty:
             edges = outline_edges(copy, self.scene)
         else:
-            edges = moving_edges(slopes, self.scene)
+            edges = moving_edges(gradient(copy) if slopes is None else slopes, self.scene)
         return self._with_lines(copy, edges, edge_lines(edges, self.centre_px, passing), passing)
 
     def again(self, copy: NDArray[np.uint16], frame: _Frame, motion: Motion) -> _Frame:
@@ -215,7 +215,7 @@ class ShaftFinder:
         if sample is not None:
             return _chosen(image, self._known[sample], self._search, self._motion)
         copy = self._search.scale.copy(image)
-        frame = self._search.frame(copy, gradient(copy), self._motion.passing)
+        frame = self._search.frame(copy, passing=self._motion.passing)
         return _chosen(image, frame, self._search, self._motion)
 
 

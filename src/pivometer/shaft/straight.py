@@ -49,6 +49,7 @@ LEAST_SUPPORT_PX = 32.0
 
 SAME_LINE_PX = 2.0
 SAME_LINE_RAD = 0.03
+"""Lines that differ by less, at the middle and in direction, are the same edge."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -289,7 +290,7 @@ def _stacked(lines: Sequence[EdgeLine]) -> tuple[Floats, Floats]:
 
 
 def _near(ones: tuple[Floats, Floats], others: tuple[Floats, Floats]) -> NDArray[np.bool_]:
-    """Tell which lines are the same edge: alike at the middle and in direction, shape (n, m)."""
+    """Tell which lines are the same edge, shape (n, m)."""
     (a, b), (c, d) = ones, others
     facing = np.where(a @ c.T > 0, 1.0, -1.0)
     turn = a[:, :1] * c[:, 1] - a[:, 1:] * c[:, 0]
