@@ -13,9 +13,9 @@ from pivometer.errors import ShaftNotFoundError, ShapeError
 from pivometer.geometry import RigidTransform, distances_to_lines, tangent_plane_normals
 from pivometer.shaft.backdrop import backdrop_of
 from pivometer.shaft.band_map import band_map, picked
-from pivometer.shaft.bands import EdgeLine
 from pivometer.shaft.detection import ShaftSeed
 from pivometer.shaft.edges import edge_normals, fit_edges
+from pivometer.shaft.lines import EdgeLine
 from pivometer.shaft.profile import normal_cdf
 from pivometer.shaft.triangulation import triangulate_centerline
 

@@ -5,15 +5,15 @@ import pytest
 from tests.shaft.rendering import NOISE, camera_of, render
 
 from pivometer.shaft import matt
-from pivometer.shaft.band_map import band_map
-from pivometer.shaft.bands import edge_lines, halves_px
 from pivometer.shaft.choice import Said, spread_if_holds
 from pivometer.shaft.detection import ShaftSeed
-from pivometer.shaft.edges import REACH_PX, fit_edges
+from pivometer.shaft.edges import fit_edges
+from pivometer.shaft.lines import edge_lines, halves_px
 from pivometer.shaft.matt import fit_matt
 from pivometer.shaft.rungs import Blur
 from pivometer.shaft.samples import Samples
 from pivometer.shaft.strip import CHUNK_ROWS
+from pivometer.shaft.view import ShaftView
 
 BLUR_PX = float(np.sqrt(0.7**2 + 1 / 12))
 
@@ -26,14 +26,12 @@ def matt_shaft(**other):
 
 def fitted(scene, image, noise=NOISE):
     """What the whole width says when told the true lines."""
-    lines = edge_lines(scene.seed_px, scene.camera)
-    first, second = (
-        band_map(scene.camera, line, image.shape, upright=True, reach_px=REACH_PX) for line in lines
-    )
+    view = ShaftView.of(image, scene.camera, edge_lines(scene.seed_px, scene.camera))
+    first, second = view.maps
     rows = max(len(first.rows), len(second.rows)) + abs(int(first.rows[0] - second.rows[0]))
     every = np.ones((2, -(-rows // CHUNK_ROWS) * CHUNK_ROWS))
     start = np.array([0.01, 0.005, -0.01, 0.005, 0.77])
-    return fit_matt(image, (first, second), lines, every, start, noise=noise, blur=Blur())
+    return fit_matt(view, every, start, noise=noise, blur=Blur())
 
 
 def test_derivatives_by_all_parameters():

@@ -5,10 +5,10 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from pivometer.cameras import Camera
-from pivometer.shaft.band_map import band_map
-from pivometer.shaft.bands import edge_lines
+from pivometer.shaft.lines import edge_lines
 from pivometer.shaft.shaded import FIRST_BLUR_PX, fit_shaded
 from pivometer.shaft.texture import with_texture
+from pivometer.shaft.view import ShaftView
 
 SIZE = WIDTH, HEIGHT = 120, 288
 CAMERA = Camera("a", WIDTH, HEIGHT, [500, 500], [59.5, 143.5], [0, 0])
@@ -41,8 +41,7 @@ def fits(rng, shading, half_px, contrast):
     edges = np.stack([np.stack([middle + side, ends], axis=1) for side in sides])
     lines = edge_lines(edges, CAMERA)
     fitted = fit_shaded(image, CAMERA, lines, FIRST_BLUR_PX)
-    maps = tuple(band_map(CAMERA, line, image.shape, upright=True, reach_px=22.0) for line in lines)
-    return fitted, image, maps
+    return fitted, ShaftView.of(image, CAMERA, lines)
 
 
 def lanes(rng):
@@ -61,9 +60,9 @@ def test_what_lanes_move_edges_by_is_stated(half_px):
     rng = np.random.default_rng(5)
     before, after = [], []
     for _ in range(30):
-        fitted, image, maps = fits(rng, lanes(rng), half_px, 12.0)
+        fitted, view = fits(rng, lanes(rng), half_px, 12.0)
         before.append(scores(fitted))
-        after.append(scores(with_texture(image, maps, fitted)))
+        after.append(scores(with_texture(view, fitted)))
     held, without = (int((np.abs(found) < 1.96).sum()) for found in (after, before))
     # Of 60 intervals of 95 % at least 52 hold by chance in all but 1 of 100.
     assert held >= 52
@@ -80,8 +79,8 @@ def test_what_lanes_move_edges_by_is_stated(half_px):
     ids=["flat", "round", "highlight"],
 )
 def test_smooth_shading_is_no_texture(shading):
-    fitted, image, maps = fits(np.random.default_rng(6), shading, 15.0, 60.0)
-    added = with_texture(image, maps, fitted).covariance - fitted.covariance
+    fitted, view = fits(np.random.default_rng(6), shading, 15.0, 60.0)
+    added = with_texture(view, fitted).covariance - fitted.covariance
     assert np.sqrt(added[[0, 2], [0, 2]]).max() < 0.02
 
 
@@ -89,7 +88,7 @@ def test_lanes_count_less_where_the_contrast_is_larger():
     rng = np.random.default_rng(7)
     shading, added = lanes(rng), []
     for contrast in (15.0, 60.0):
-        fitted, image, maps = fits(rng, shading, 15.0, contrast)
-        more = with_texture(image, maps, fitted).covariance - fitted.covariance
+        fitted, view = fits(rng, shading, 15.0, contrast)
+        more = with_texture(view, fitted).covariance - fitted.covariance
         added.append(np.sqrt(more[[0, 2], [0, 2]]))
     assert added[0] / added[1] == pytest.approx(np.full(2, 4.0), rel=0.3)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from tests.shaft.rendering import NOISE, camera_of, clutter, pictured, render
 
-from pivometer.shaft.band_map import band_map
-from pivometer.shaft.bands import edge_lines
 from pivometer.shaft.detection import ShaftSeed
 from pivometer.shaft.edges import fit_edges
+from pivometer.shaft.lines import edge_lines
 from pivometer.shaft.uncovered import uncovered_lines
+from pivometer.shaft.view import ShaftView
 
 
 def cored(rng, core_px=20.0):
@@ -27,10 +27,7 @@ def off_px(scene, lines):
 
 def moved(scene, seed_px, image, empty):
     lines = edge_lines(seed_px, scene.camera)
-    maps = tuple(
-        band_map(scene.camera, line, image.shape, upright=True, reach_px=22.0) for line in lines
-    )
-    return uncovered_lines(image, empty, maps, lines)
+    return uncovered_lines(ShaftView.of(image, scene.camera, lines), empty)
 
 
 @pytest.mark.parametrize("seed", range(5))

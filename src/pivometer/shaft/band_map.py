@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
 from pivometer.cameras.model import Camera
-from pivometer.shaft.bands import EdgeLine
+from pivometer.shaft.lines import EdgeLine
 
 ALONG, ACROSS = 12, 4
 """Nodes along and across a band."""
@@ -28,13 +28,6 @@ def _nodes(count: int) -> tuple[Floats, Floats]:
     """Return Chebyshev nodes on [−1, 1] and the matrix from values there to power coefficients."""
     nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
     return nodes, np.linalg.inv(np.vander(nodes, increasing=True))
-
-
-def near_lines(
-    maps: tuple[BandMap, BandMap], lines: tuple[EdgeLine, EdgeLine]
-) -> tuple[BandMap, BandMap]:
-    """Return the maps of both edges about other lines near by."""
-    return maps[0].towards(lines[0]), maps[1].towards(lines[1])
 
 
 def _powers(x: Floats, count: int) -> Floats:

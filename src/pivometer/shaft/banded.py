@@ -11,15 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap, near_lines
-from pivometer.shaft.bands import EdgeLine, width_px
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
+from pivometer.shaft.lines import width_px
 from pivometer.shaft.profile import normal_cdf
 from pivometer.shaft.strip import CHUNK_ROWS, Strip, mean_beside, strip
+from pivometer.shaft.view import ShaftView
 
 INNER_PX, OUTER_PX = 5.0, 4.0
 LEAST_HALF_PX = 3.0
@@ -79,28 +78,21 @@ class _Rows:
         return mean
 
 
-def fit_banded(
-    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], lines: tuple[EdgeLine, EdgeLine]
-) -> FittedEdges | None:
+def fit_banded(view: ShaftView) -> FittedEdges | None:
     """Return both edges of a shaft with bands around it, or None where it has none.
 
     Parameters
     ----------
-    turned
-        The raw image, turned so that the shaft is upright.
-    maps
-        Where its pixels are.
-    lines
-        The edges to a pixel or so, undistorted px.
+    view
+        The image, and the edges to a pixel or so.
     """
-    half = width_px(lines) / 2
+    half = width_px(view.lines) / 2
     if half < LEAST_HALF_PX:
         return None
-    near = near_lines(maps, lines)
     inner = min(INNER_PX, half)
-    if not _is_banded(turned, near, half):
+    if not _is_banded(view, half):
         return None
-    bands = _by_place(strip(turned, near, lines, near_px=(inner + 1, OUTER_PX + 1)))
+    bands = _by_place(strip(view, near_px=(inner + 1, OUTER_PX + 1)))
     estimate = np.array([0.0, 0.0, 0.0, 0.0, FIRST_BLUR_PX])
     for _ in range(ITERATIONS):
         rows = _linearized(bands, estimate, inner)
@@ -117,7 +109,7 @@ def fit_banded(
     covariance[range(4), range(4)] += SYSTEMATIC_PX**2
     total = np.maximum(weight.sum(axis=1), 1e-12)
     return FittedEdges(
-        start=lines,
+        start=view.lines,
         parameters=estimate,
         covariance=covariance,
         contrast=(weight * np.abs(rows.contrast)).sum(axis=1) / total,
@@ -127,15 +119,15 @@ def fit_banded(
         weight=weight * rows.information[..., 0, 0] / variance,
         accepted=used,
         counted=bands.valid > 0,
-        saturated_part=saturated_part(bands.near, used, turned.dtype),
+        saturated_part=saturated_part(bands.near, used, view.depth),
         shading="flat",
     )
 
 
-def _is_banded(turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], half_px: float) -> bool:
+def _is_banded(view: ShaftView, half_px: float) -> bool:
     """Tell whether the shaft's own grey level jumps along it."""
-    level, seen = mean_beside(turned, maps, (-min(INNER_PX, half_px), -min(FAR_PX, half_px / 2)))
-    beyond, _ = mean_beside(turned, maps, (FAR_PX, OUTER_PX))
+    level, seen = mean_beside(view, (-min(INNER_PX, half_px), -min(FAR_PX, half_px / 2)))
+    beyond, _ = mean_beside(view, (FAR_PX, OUTER_PX))
     both = seen[:, 1:] & seen[:, :-1]
     change = np.diff(level, axis=1)[both]
     if change.size < 2 * CHUNK_ROWS:

@@ -18,16 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap
-from pivometer.shaft.bands import EdgeLine, width_px
 from pivometer.shaft.evidence import blurs_meet, saturated_part
 from pivometer.shaft.fitted import FittedEdges
+from pivometer.shaft.lines import Lines, moved_lines, width_px
 from pivometer.shaft.profile import normal_cdf
 from pivometer.shaft.refusals import FARTHEST_PX
 from pivometer.shaft.strip import CHUNK_ROWS
 from pivometer.shaft.thin import ThinRows, thin_rows
-
-Lines = tuple[EdgeLine, EdgeLine]
+from pivometer.shaft.view import ShaftView
 
 WIDER = 1.3
 """The blur may turn out so much larger than another fit has it; if it is larger still, wider
@@ -113,7 +111,7 @@ class _Found:
     """Where the iteration ended."""
 
     rows: ThinRows
-    lines: Lines
+    view: ShaftView
     fit: _Fit
     parameters: Floats
     weights: Floats
@@ -127,44 +125,35 @@ class _Found:
     @property
     def moved(self) -> Lines:
         """The fitted edges."""
-        moves = self.parameters
-        return self.lines[0].moved(*moves[:2]), self.lines[1].moved(*moves[2:4])
+        return moved_lines(self.view.lines, self.parameters)
 
 
-def fit_defocused(
-    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], lines: Lines, blur_px: float
-) -> FittedEdges | None:
+def fit_defocused(view: ShaftView, blur_px: float) -> FittedEdges | None:
     """Return both edges, or None where they are not so blurred or too few rows agree.
 
     Parameters
     ----------
-    turned
-        The raw image, turned so that the shaft is upright.
-    maps
-        Where its pixels are.
-    lines
-        The edges to about a blur, undistorted px.
+    view
+        The image, and the edges to about a blur.
     blur_px
         The blur as another fit has it.
     """
-    if not blurs_meet(width_px(lines), blur_px * WIDER):
+    if not blurs_meet(width_px(view.lines), blur_px * WIDER):
         return None
     blur = float(np.clip(blur_px, *BLUR_RANGE_PX))
-    found = _iterated(turned, maps, lines, blur)
+    found = _iterated(view, blur)
     if found.blur_px > WIDER * blur:
-        found = _iterated(turned, maps, lines, found.blur_px)
+        found = _iterated(view, found.blur_px)
     if found.weights.sum() < LEAST_USED * max(1.0, float(found.rows.valid.sum())):
         return None
-    if not blurs_meet(width_px(found.moved), found.blur_px) or _strays(found, lines):
+    if not blurs_meet(width_px(found.moved), found.blur_px) or _strays(found):
         return None
-    return _fitted(found, turned.dtype)
+    return _fitted(found)
 
 
-def _iterated(
-    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], lines: Lines, blur: float
-) -> _Found:
+def _iterated(view: ShaftView, blur: float) -> _Found:
     """Return the fit from a start; what does not take part is told by the fit before, twice."""
-    rows = thin_rows(turned, maps[0].towards(lines[0]), lines, blur)
+    rows = thin_rows(view, blur)
     parameters, weights, shading = np.zeros(PARAMETERS), rows.valid, 0.0
     parameters[BLUR] = blur**2
     for _ in range(ROUNDS):
@@ -172,7 +161,7 @@ def _iterated(
         used, variance = weights, _variances(rows, weights, fit)
         shading = _shading(fit, variance)
         weights = rows.valid * _alike_rows(rows, fit) * _seeing_chunks(rows, fit, parameters)
-    return _Found(rows, lines, fit, parameters, used, variance + shading * _effect(fit))
+    return _Found(rows, view, fit, parameters, used, variance + shading * _effect(fit))
 
 
 def _settled(
@@ -340,17 +329,17 @@ def _seeing_chunks(rows: ThinRows, fit: _Fit, parameters: Floats) -> Floats:
     return np.repeat(seeing, CHUNK_ROWS).astype(np.float64)
 
 
-def _strays(found: _Found, start: Lines) -> bool:
+def _strays(found: _Found) -> bool:
     """Tell whether an end of the fit lies farther from the seed's than blur explains."""
     ends = np.array([-1.0, 1.0])
     limit = np.maximum(SEED_PX + _blur(found.parameters, ends), FARTHEST_PX)
-    pairs = zip(found.moved, start, strict=True)
+    pairs = zip(found.moved, found.view.lines, strict=True)
     return any(
         bool((np.abs((a.at(ends) - b.at(ends)) @ b.outward) > limit).any()) for a, b in pairs
     )
 
 
-def _fitted(found: _Found, depth: np.dtype[np.generic]) -> FittedEdges:
+def _fitted(found: _Found) -> FittedEdges:
     rows, fit, weights, variance = found.rows, found.fit, found.weights, found.variance
     whole = np.linalg.inv(_information(fit, variance))
     shading = slice(LIT, ROUND + 1)
@@ -379,7 +368,7 @@ def _fitted(found: _Found, depth: np.dtype[np.generic]) -> FittedEdges:
         weight=information / np.repeat(variance, CHUNK_ROWS) / scale**2,
         accepted=both & (information > 0),
         counted=np.stack([rows.valid, rows.valid]) > 0,
-        saturated_part=saturated_part(np.stack([rows.grey] * 2), both, depth),
+        saturated_part=saturated_part(np.stack([rows.grey] * 2), both, found.view.depth),
         shading="ramp",
         together=True,
     )

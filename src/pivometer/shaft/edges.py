@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TypeGuard
 
 import numpy as np
@@ -14,9 +14,7 @@ from pivometer.cameras.model import Camera
 from pivometer.cameras.mosaic import is_mosaic, luminance
 from pivometer.errors import ShaftNotFoundError, ShapeError
 from pivometer.shaft.backdrop import filled
-from pivometer.shaft.band_map import BandMap, band_map, near_lines
 from pivometer.shaft.banded import fit_banded
-from pivometer.shaft.bands import EdgeLine, edge_lines, is_upright, width_px
 from pivometer.shaft.defocused import fit_defocused
 from pivometer.shaft.detection import ShaftSeed
 from pivometer.shaft.evidence import LARGE_BLUR_PX
@@ -24,6 +22,7 @@ from pivometer.shaft.fitted import FittedEdges, ShaftEdges, shaft_edges
 from pivometer.shaft.gate import LARGEST_END_SIGMA_PX
 from pivometer.shaft.ladder import CLEAN_PART, fit_ladder
 from pivometer.shaft.lanes import with_lanes
+from pivometer.shaft.lines import Lines, edge_lines, width_px
 from pivometer.shaft.mosaic_edges import ADVICE, WARNING, clipped_part, evened_beside
 from pivometer.shaft.plain import fit_plain
 from pivometer.shaft.refusals import refuse_fit, refuse_outside, refuse_width, strays
@@ -33,6 +32,7 @@ from pivometer.shaft.silhouette import coimage_normal, normalized_line, outward_
 from pivometer.shaft.texture import with_texture
 from pivometer.shaft.thin import fit_thin
 from pivometer.shaft.uncovered import uncovered_lines
+from pivometer.shaft.view import ShaftView
 
 __all__ = ["ShaftEdges", "edge_normals", "fit_edges"]
 
@@ -41,9 +41,6 @@ THIN_PX = 16.0
 
 SEARCH_ROWS = 60
 """Rows that the first search looks at: evenly spread, enough for votes of one in four."""
-
-REACH_PX = 22.0
-"""Where coordinates are asked for: 4 blurs of 4 px, and the search's 4 px."""
 
 
 def edge_normals(points_px: ArrayLike, camera: Camera) -> Floats:
@@ -144,24 +141,17 @@ def fit_edges(
     first = edge_lines(seed.edges_px, camera)
     width = width_px(first)
     refuse_width(width, width)
-    upright = is_upright(np.stack([[line.start_px, line.end_px] for line in first]))
-    turned = pixels if upright else pixels.T
-    maps = one, other = _maps(camera, first, upright)
-    step = max(1, len(one.rows) // SEARCH_ROWS)
-    start = found_lines(turned, (one.every(step), other.every(step)), first)
-    fitted = _fit_simple(turned, maps, start)
+    view = ShaftView.of(pixels, camera, first)
+    start = found_lines(view.every(max(1, len(view.maps[0].rows) // SEARCH_ROWS)))
+    view = view.about(start)
+    fitted = _fit_simple(view)
     if fitted is None:
         empty = None if background is None else _pixels(background, camera)
-
-        def told() -> Floats | None:
-            seen = _behind(backdrop, empty, seed if mosaic else None)
-            return seen if seen is None or upright else seen.T
-
-        clean = empty is None
-        fitted = _fit_round(pixels, turned, camera, maps, start, told, clean=clean)
+        scene = _Scene(pixels, camera, lambda: _behind(backdrop, empty, seed if mosaic else None))
+        fitted = _fit_round(scene, view, clean=empty is None)
         doubt = _doubt(fitted, first)
         if doubt > LARGEST_END_SIGMA_PX:
-            again = _fit_uncovered(pixels, turned, camera, maps, start, told)
+            again = _fit_uncovered(scene, view)
             if again is not None and _doubt(*again) < doubt:
                 fitted, first = again
     refuse_fit(fitted, first)
@@ -173,40 +163,35 @@ def fit_edges(
     return replace(found, warnings=(*found.warnings, f"{WARNING}; {ADVICE}"))
 
 
-def _fit_uncovered(
-    pixels: NDArray[np.generic],
-    turned: NDArray[np.generic],
-    camera: Camera,
-    maps: tuple[BandMap, BandMap],
-    start: tuple[EdgeLine, EdgeLine],
-    behind: Callable[[], Floats | None],
-) -> tuple[FittedEdges, tuple[EdgeLine, EdgeLine]] | None:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Scene:
+    """The image as the camera took it, the camera, and who knows what stands behind the shaft."""
+
+    pixels: NDArray[np.generic]
+    camera: Camera
+    behind: Callable[[], Floats | None]
+
+    def told(self, view: ShaftView) -> Floats | None:
+        """Return what stands behind the shaft, turned like a view; None if unknown."""
+        seen = self.behind()
+        return None if seen is None else view.turned(seen)
+
+
+def _fit_uncovered(scene: _Scene, view: ShaftView) -> tuple[FittedEdges, Lines] | None:
     """Return a shaded shaft's edges from where a known background begins, and where that is.
 
     None if it begins where the first fit started, or nobody knows it.
     """
-    told = behind()
+    told = scene.told(view)
     if told is None:
         return None
-    lines = uncovered_lines(turned, told, near_lines(maps, start), start)
+    lines = uncovered_lines(view, told)
     if lines is None:
         return None
-    again = _maps(camera, lines, turned is pixels)
-    return _fit_round(pixels, turned, camera, again, lines, behind, clean=False), lines
+    return _fit_round(scene, ShaftView.of(scene.pixels, scene.camera, lines), clean=False), lines
 
 
-def _maps(
-    camera: Camera, lines: tuple[EdgeLine, EdgeLine], upright: bool
-) -> tuple[BandMap, BandMap]:
-    """Return the maps of both edges' bands in the image turned so that the shaft is upright."""
-    shape = (camera.height, camera.width) if upright else (camera.width, camera.height)
-    one, other = (
-        band_map(camera, line, shape, upright=upright, reach_px=REACH_PX) for line in lines
-    )
-    return one, other
-
-
-def _doubt(fitted: FittedEdges, seed: tuple[EdgeLine, EdgeLine]) -> float:
+def _doubt(fitted: FittedEdges, seed: Lines) -> float:
     """Return how uncertain an edge is at its ends at most, px; infinitely if the fit is refused."""
     try:
         refuse_fit(fitted, seed)
@@ -229,78 +214,50 @@ def _behind(
     return seen if empty is None else filled(seen, empty)
 
 
-def _fit_simple(
-    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], start: tuple[EdgeLine, EdgeLine]
-) -> FittedEdges | None:
+def _fit_simple(view: ShaftView) -> FittedEdges | None:
     """Return the edges of a shaft of flat or banded grey levels, or None if it has others."""
-    fitted = fit_plain(turned, maps, start)
+    fitted = fit_plain(view)
     if fitted is not None:
         return fitted
-    fitted = fit_thin(turned, maps, start) if width_px(start) < THIN_PX else None
-    if fitted is not None:
-        return _unless_defocused(turned, maps, start, fitted)
-    return fit_banded(turned, maps, start)
+    fitted = fit_thin(view) if width_px(view.lines) < THIN_PX else None
+    return fit_banded(view) if fitted is None else _unless_defocused(view, fitted)
 
 
-def _fit_round(
-    pixels: NDArray[np.generic],
-    turned: NDArray[np.generic],
-    camera: Camera,
-    maps: tuple[BandMap, BandMap],
-    start: tuple[EdgeLine, EdgeLine],
-    behind: Callable[[], Floats | None],
-    *,
-    clean: bool,
-) -> FittedEdges:
-    """Return a shaded shaft's edges: before clutter, with the help of what `behind` tells.
+def _fit_round(scene: _Scene, view: ShaftView, *, clean: bool) -> FittedEdges:
+    """Return a shaded shaft's edges: before clutter, with the help of what the scene tells.
 
     Where a search from the seed took a lane of the shaft for its edge, the guarded fit, which has a
     background of its own in every row, gives a better start.
     """
-    fitted = fit_ladder(turned, maps, start, cluttered=CLEAN_PART) if clean else None
+    fitted = fit_ladder(view, cluttered=CLEAN_PART) if clean else None
     if _holds(fitted):
-        return _unless_defocused(turned, maps, start, fitted)
-    told = behind()
-    fitted = None if told is None else fit_ladder(turned, maps, start, told)
+        return _unless_defocused(view, fitted)
+    told = scene.told(view)
+    fitted = None if told is None else fit_ladder(view, told)
     if told is not None and _holds(fitted):
-        return _seconded(turned, maps, fitted, told)
+        return _seconded(view, fitted, told)
     if fitted is None and clean:
-        fitted = fit_ladder(turned, maps, start)
+        fitted = fit_ladder(view)
     if _holds(fitted):
-        return _unless_defocused(turned, maps, start, fitted)
-    guarded = fit_shaded(pixels, camera, start, FIRST_BLUR_PX)
+        return _unless_defocused(view, fitted)
+    guarded = fit_shaded(scene.pixels, scene.camera, view.lines, FIRST_BLUR_PX)
     # A background of its own in every row takes a large blur for its own.
-    blur_px = max(float(guarded.parameters[4]), LARGE_BLUR_PX)
-    fitted = fit_defocused(turned, maps, start, blur_px)
+    fitted = fit_defocused(view, max(float(guarded.parameters[4]), LARGE_BLUR_PX))
     if fitted is None and told is not None:
-        fitted = fit_ladder(turned, maps, guarded.lines, told)
+        fitted = fit_ladder(view.about(guarded.lines), told)
         if _holds(fitted):
-            return _seconded(turned, maps, fitted, told)
-    if _holds(fitted):
-        return fitted
-    return _seconded(turned, maps, guarded, told)
+            return _seconded(view, fitted, told)
+    return fitted if _holds(fitted) else _seconded(view, guarded, told)
 
 
-def _seconded(
-    turned: NDArray[np.generic],
-    maps: tuple[BandMap, BandMap],
-    fitted: FittedEdges,
-    told: Floats | None,
-) -> FittedEdges:
+def _seconded(view: ShaftView, fitted: FittedEdges, told: Floats | None) -> FittedEdges:
     """Return a fit before clutter as certain as lanes let it be, and heard with the background."""
-    if told is None:
-        return fitted
-    return with_lanes(turned, maps, with_texture(turned, maps, fitted), told)
+    return fitted if told is None else with_lanes(view, with_texture(view, fitted), told)
 
 
-def _unless_defocused(
-    turned: NDArray[np.generic],
-    maps: tuple[BandMap, BandMap],
-    start: tuple[EdgeLine, EdgeLine],
-    fitted: FittedEdges,
-) -> FittedEdges:
+def _unless_defocused(view: ShaftView, fitted: FittedEdges) -> FittedEdges:
     """Return a fit of sharp edges, or that of edges whose blurs meet where it holds."""
-    both = fit_defocused(turned, maps, start, float(fitted.parameters[4]))
+    both = fit_defocused(view, float(fitted.parameters[4]))
     return fitted if both is None else both
 
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from pivometer._arrays import Floats, checked, read_only
 from pivometer.cameras.model import Camera
-from pivometer.shaft.bands import EdgeLine, width_px
 from pivometer.shaft.evidence import DEVIATIONS, evidence
+from pivometer.shaft.lines import Lines, moved_lines, width_px
 
 Bools = NDArray[np.bool_]
 
@@ -135,7 +135,7 @@ class FittedEdges:
         Whether shading and both edges are one model, in which their blurs may meet.
     """
 
-    start: tuple[EdgeLine, EdgeLine]
+    start: Lines
     parameters: Floats
     covariance: Floats
     contrast: Floats
@@ -153,10 +153,9 @@ class FittedEdges:
     together: bool = False
 
     @property
-    def lines(self) -> tuple[EdgeLine, EdgeLine]:
+    def lines(self) -> Lines:
         """The fitted edges, undistorted px."""
-        moves = self.parameters
-        return self.start[0].moved(*moves[:2]), self.start[1].moved(*moves[2:4])
+        return moved_lines(self.start, self.parameters)
 
     def accepted_at(self, lever: Floats) -> Floats:
         """Return 1 for rows at places along the edges, shape (2, rows), that were accepted."""
@@ -209,7 +208,7 @@ def shaft_edges(camera: Camera, fitted: FittedEdges) -> ShaftEdges:
     )
 
 
-def _points(camera: Camera, fitted: FittedEdges, lines: tuple[EdgeLine, EdgeLine]) -> Floats:
+def _points(camera: Camera, fitted: FittedEdges, lines: Lines) -> Floats:
     """Return raw points on both edges between their first and last rows that count."""
     along = []
     for used, lever, line in zip(fitted.accepted, fitted.lever, lines, strict=True):
@@ -222,9 +221,7 @@ def _points(camera: Camera, fitted: FittedEdges, lines: tuple[EdgeLine, EdgeLine
     return raw if not outside.any() else _inside(camera, lines, raw, limit)
 
 
-def _inside(
-    camera: Camera, lines: tuple[EdgeLine, EdgeLine], raw: Floats, limit: list[int]
-) -> Floats:
+def _inside(camera: Camera, lines: Lines, raw: Floats, limit: list[int]) -> Floats:
     """Return points on both edges between the first and last of 500 that lie in the image."""
     ends = camera.undistorted_pixels(raw[:, [0, -1]])
     along = []
@@ -237,9 +234,7 @@ def _inside(
     return camera.pixels_from_normalized(normalized)
 
 
-def _normals(
-    camera: Camera, start: tuple[EdgeLine, EdgeLine], lines: tuple[EdgeLine, EdgeLine]
-) -> tuple[Floats, Floats]:
+def _normals(camera: Camera, start: Lines, lines: Lines) -> tuple[Floats, Floats]:
     """Return both coimage normals (2, 3) and their derivatives by offsets and tilts (6, 4).
 
     A normal is c₁ × c₂ / ‖…‖ for the rays c of the edge's ends, and the ends move along the

@@ -14,14 +14,12 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap, near_lines
-from pivometer.shaft.bands import EdgeLine, halves_px, width_px
 from pivometer.shaft.choice import Said, chosen_rung, spread_if_holds
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
+from pivometer.shaft.lines import halves_px, width_px
 from pivometer.shaft.matt import fit_matt
 from pivometer.shaft.rungs import (
     IN,
@@ -38,9 +36,8 @@ from pivometer.shaft.rungs import (
 )
 from pivometer.shaft.samples import Behind, Samples, binned, pixels
 from pivometer.shaft.strip import CHUNK_ROWS, Strip, seen_beside, strip
+from pivometer.shaft.view import ShaftView
 from pivometer.shaft.whole_width import fit_whole_width
-
-Lines = tuple[EdgeLine, EdgeLine]
 
 ROUND = (OUT, OUT_RAMP, IN, RAMP, LIMB)
 UNKNOWN = Blur()
@@ -138,10 +135,10 @@ class _Climbed(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Window:
-    """The pixels beside both edges, the shaft's half width in every row, and what lies behind."""
+    """The image, pixels beside both edges, half the width in every row, and what lies behind."""
 
+    view: ShaftView
     bands: Strip
-    lines: Lines
     half_px: Floats
     behind: Behind | None
     blur: Blur
@@ -199,10 +196,8 @@ def _stepped(parameters: Floats, step: Floats) -> Floats:
 
 
 def fit_ladder(
-    turned: NDArray[np.generic],
-    maps: tuple[BandMap, BandMap],
-    lines: Lines,
-    background: NDArray[np.generic] | None = None,
+    view: ShaftView,
+    background: Floats | None = None,
     blur: Blur = UNKNOWN,
     *,
     cluttered: float = CLUTTERED_PART,
@@ -211,12 +206,8 @@ def fit_ladder(
 
     Parameters
     ----------
-    turned
-        The raw image, turned so that the shaft is upright.
-    maps
-        Where its pixels are.
-    lines
-        The edges to a pixel or so, undistorted px.
+    view
+        The image, and the edges to a pixel or so.
     background
         What stands behind the shaft, turned likewise: an empty frame, or what `backdrop` tells;
         NaN where unknown. Rows beside such pixels do not count.
@@ -225,23 +216,22 @@ def fit_ladder(
     cluttered
         Part of the surroundings that may be clutter.
     """
-    widen = max(1.0, blur.mean_px)
+    lines, widen = view.lines, max(1.0, blur.mean_px)
     if width_px(lines) / 2 < LEAST_HALF_PX * widen:
         return None
     rungs = [rung for rung in RUNGS if rung.inner_px * widen <= width_px(lines) / 2]
     reach = rungs[0].inner_px * widen + SPARE_PX, RUNGS[0].outer_px * widen + SPARE_PX
-    near = near_lines(maps, lines)
-    bands = strip(turned, near, lines, near_px=reach)
+    bands = strip(view, near_px=reach)
     half = halves_px(lines, bands.lever[..., bands.lever.shape[2] // 2, None]) * bands.scale
     behind = None
     if background is not None:
-        behind, known = known_behind(background, near, reach, bands.x_px)
+        behind, known = known_behind(view, background, reach, bands.x_px)
         if (known.sum(axis=1) < LEAST_USED * np.maximum(bands.valid.sum(axis=1), 1)).any():
             return None
         bands = replace(bands, valid=bands.valid * known)
     seen = bands.x_px[bands.valid > 0] if bands.valid.any() else bands.x_px[0]
     range_px = np.stack([seen.min(axis=0), seen.max(axis=0)])
-    window = _Window(bands, lines, half, behind, blur, range_px)
+    window = _Window(view, bands, half, behind, blur, range_px)
     if behind is None and _cluttered_at_sight(window) > CLUTTERED_PART:
         return None
     first = _first(window, rungs[0], cluttered)
@@ -249,33 +239,25 @@ def fit_ladder(
         return None
     edges, parameters = first
     if parameters[4] > WIDER * widen:
-        moved = lines[0].moved(*parameters[:2]), lines[1].moved(*parameters[2:4])
         wider = Blur(float(parameters[4]), blur.sigma_px)
-        return fit_ladder(turned, maps, moved, background, wider, cluttered=cluttered)
-    climbed = _climbed(edges, rungs, parameters, turned.dtype)
+        return fit_ladder(view.moved(parameters), background, wider, cluttered=cluttered)
+    climbed = _climbed(edges, rungs, parameters)
     fitted, chosen = climbed.fitted, climbed.chosen
     if behind is not None:
         return fitted
-    matt = _of_matt(turned, maps, edges, climbed)
+    matt = _of_matt(edges, climbed)
     if matt is not None or all(rung is rungs[0] for rung in chosen):
         return matt or fitted
-    return _of_whole_width(turned, maps, edges, parameters, fitted) or fitted
+    return _of_whole_width(edges, parameters, fitted) or fitted
 
 
-def _of_matt(
-    turned: NDArray[np.generic],
-    maps: tuple[BandMap, BandMap],
-    edges: _Edges,
-    climbed: _Climbed,
-) -> FittedEdges | None:
+def _of_matt(edges: _Edges, climbed: _Climbed) -> FittedEdges | None:
     """Return both edges from the matt shading of the whole width, if it holds and windows agree."""
     fitted, window = climbed.fitted, edges.window
     if any(LIMB not in rung.terms for rung in climbed.chosen):
         return None
     matt = fit_matt(
-        turned,
-        maps,
-        window.lines,
+        window.view,
         edges.rows,
         fitted.parameters,
         noise=edges.noise,
@@ -294,21 +276,12 @@ def _of_matt(
     return replace(fitted, parameters=matt.parameters, covariance=covariance, shading="matt")
 
 
-def _of_whole_width(
-    turned: NDArray[np.generic],
-    maps: tuple[BandMap, BandMap],
-    edges: _Edges,
-    parameters: Floats,
-    fitted: FittedEdges,
-) -> FittedEdges | None:
+def _of_whole_width(edges: _Edges, parameters: Floats, fitted: FittedEdges) -> FittedEdges | None:
     """Return both edges from the shading of the whole width, if that is understood better."""
     narrow = edges.tried(RUNGS[-1], parameters).parameters
-    first, second = edges.window.lines
-    lines = first.moved(*narrow[:2]), second.moved(*narrow[2:4])
+    view = edges.window.view.moved(narrow)
     whole = fit_whole_width(
-        turned,
-        maps,
-        lines,
+        view,
         edges.rows,
         noise=edges.noise,
         blur=edges.window.blur,
@@ -322,7 +295,7 @@ def _of_whole_width(
         return None
     return replace(
         fitted,
-        start=lines,
+        start=view.lines,
         parameters=whole.parameters,
         covariance=covariance,
         shading="highlight",
@@ -336,8 +309,8 @@ def _centre_variance(covariance: Floats) -> float:
 
 
 def known_behind(
-    background: NDArray[np.generic],
-    maps: tuple[BandMap, BandMap],
+    view: ShaftView,
+    background: Floats,
     reach_px: tuple[float, float],
     x_px: Floats,
 ) -> tuple[Behind, Floats]:
@@ -345,17 +318,17 @@ def known_behind(
 
     Parameters
     ----------
+    view, reach_px, x_px
+        As of the strip, and its pixels' distances.
     background
         What stands behind the shaft, turned as the image is; NaN where unknown, for which 0 stands.
-    maps, reach_px, x_px
-        Maps and reach of the strip, and its pixels' distances.
     """
-    grey, along_x, along_y = seen_beside(background, maps, reach_px)
+    grey, along_x, along_y = seen_beside(view, background, reach_px)
     # In the turned image: its normal from how the edge's column changes from row to row.
-    turns = [float((m.centre[-1] - m.centre[0]) / max(len(m.rows) - 1, 1)) for m in maps]
-    normals = [
-        m.outward * np.array([1, -t]) / np.hypot(1, t) for m, t in zip(maps, turns, strict=True)
-    ]
+    normals = []
+    for m in view.maps:
+        turn = float((m.centre[-1] - m.centre[0]) / max(len(m.rows) - 1, 1))
+        normals.append(m.outward * np.array([1, -turn]) / np.hypot(1, turn))
     slope = np.stack([n[0] * along_x[e] + n[1] * along_y[e] for e, n in enumerate(normals)])
     told = np.isfinite(grey) & np.isfinite(slope)
     known = (told | (x_px <= -HIDDEN_PX)).all(axis=-1)
@@ -441,9 +414,7 @@ def _cluttered(rest: Rest, noise: float) -> float:
     return float(other.mean()) if other.size else 0.0
 
 
-def _climbed(
-    edges: _Edges, rungs: list[Rung], parameters: Floats, depth: np.dtype[np.generic]
-) -> _Climbed:
+def _climbed(edges: _Edges, rungs: list[Rung], parameters: Floats) -> _Climbed:
     """Choose each edge's rung, and fit with them."""
     reference = edges.tried(REFERENCE, parameters).parameters
 
@@ -474,7 +445,7 @@ def _climbed(
     parameters = _stepped(parameters, step)
     covariance = covariance * inflation(rests, edges.noise)
     covariance[range(4), range(4)] += np.repeat(systematic, 2)
-    fitted = _fitted(edges, rests, parameters, covariance, chosen, depth)
+    fitted = _fitted(edges, rests, parameters, covariance, chosen)
     return _Climbed(fitted, chosen, [tried(rung) for rung in rungs if LIMB in rung.terms])
 
 
@@ -497,9 +468,8 @@ def _fitted(
     parameters: Floats,
     covariance: Floats,
     chosen: Sequence[Rung],
-    depth: np.dtype[np.generic],
 ) -> FittedEdges:
-    bands, noise = edges.window.bands, edges.noise
+    view, bands, noise = edges.window.view, edges.window.bands, edges.noise
     information = _by_edge([rest.row_information() for rest in rests])
     moment = _by_edge([rest.by_row(rest.jacobian[:, 0] * rest.residual) for rest in rests])
     usual = np.median(information, axis=1, keepdims=True)
@@ -508,7 +478,7 @@ def _fitted(
     contrast = _by_edge([rest.contrast() for rest in rests])
     scale = bands.scale[..., 0]
     return FittedEdges(
-        start=edges.window.lines,
+        start=view.lines,
         parameters=parameters,
         covariance=covariance,
         contrast=(contrast * count).sum(axis=1) / np.maximum(count.sum(axis=1), 1),
@@ -518,7 +488,7 @@ def _fitted(
         weight=information / noise**2 / scale**2,
         accepted=used,
         counted=bands.valid > 0,
-        saturated_part=saturated_part(bands.near, used, depth),
+        saturated_part=saturated_part(bands.near, used, view.depth),
         shading="limb" if any(LIMB in rung.terms for rung in chosen) else "ramp",
     )
 

@@ -12,17 +12,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap, near_lines
-from pivometer.shaft.bands import width_px
 from pivometer.shaft.beside import best_levels, hats, shown_part
 from pivometer.shaft.fitted import FittedEdges
 from pivometer.shaft.ladder import inflation, known_behind
+from pivometer.shaft.lines import width_px
 from pivometer.shaft.rungs import OUT, Blur, Rest, Rung, eliminated, ridge_of, terms_of
 from pivometer.shaft.samples import Behind, Samples, pixels
 from pivometer.shaft.strip import strip
+from pivometer.shaft.view import ShaftView
 
 WINDOW = Rung(3.5, 4.0, (OUT,))
 SPARE_PX = 1.0
@@ -57,12 +56,7 @@ class Lanes:
     covariance: Floats
 
 
-def with_lanes(
-    turned: NDArray[np.generic],
-    maps: tuple[BandMap, BandMap],
-    fitted: FittedEdges,
-    background: NDArray[np.generic],
-) -> FittedEdges:
+def with_lanes(view: ShaftView, fitted: FittedEdges, background: Floats) -> FittedEdges:
     """Return the mean of fitted edges and of what the background's changes tell of each.
 
     Both are weighted by their certainty. Where they differ by more than they state, so much less
@@ -70,24 +64,21 @@ def with_lanes(
 
     Parameters
     ----------
-    turned
-        The raw image, turned so that the shaft is upright.
-    maps
-        Where its pixels are.
+    view
+        The image.
     fitted
         The edges as another fit tells them; only its rows count.
     background
         What stands behind the shaft, turned likewise; NaN where unknown.
     """
-    lines = fitted.lines
+    near = view.about(fitted.lines)
     blur = Blur(float(fitted.parameters[4]), BLUR_SIGMA_PX)
     widen = max(1.0, blur.mean_px)
     reach = WINDOW.inner_px * widen + SPARE_PX, WINDOW.outer_px * widen + SPARE_PX
-    near = near_lines(maps, lines)
-    bands = strip(turned, near, lines, near_px=reach)
-    behind, known = known_behind(background, near, reach, bands.x_px)
+    bands = strip(near, near_px=reach)
+    behind, known = known_behind(near, background, reach, bands.x_px)
     rows = bands.valid * known * fitted.accepted_at(bands.lever.mean(axis=-1))
-    half = np.full_like(bands.scale, width_px(lines) / 2)
+    half = np.full_like(bands.scale, width_px(near.lines) / 2)
     samples = pixels(bands, half, rows, behind, slice(None))
     parameters, covariance = fitted.parameters.copy(), fitted.covariance.copy()
     sides = samples.of_edge(0), samples.of_edge(1)

@@ -13,11 +13,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap, near_lines
-from pivometer.shaft.bands import EdgeLine, halves_px
+from pivometer.shaft.lines import halves_px
 from pivometer.shaft.rungs import (
     IN,
     LIMB,
@@ -31,9 +29,8 @@ from pivometer.shaft.rungs import (
 )
 from pivometer.shaft.samples import Samples, binned, pixels
 from pivometer.shaft.strip import strip
+from pivometer.shaft.view import ShaftView
 from pivometer.shaft.whole_width import LARGEST_HALF_PX
-
-Lines = tuple[EdgeLine, EdgeLine]
 
 ROUND = Rung(np.inf, 6.0, (OUT, OUT_RAMP, IN, RAMP, LIMB))
 SPARE_PX = 1.0
@@ -68,9 +65,7 @@ class Matt:
 
 
 def fit_matt(
-    turned: NDArray[np.generic],
-    maps: tuple[BandMap, BandMap],
-    lines: Lines,
+    view: ShaftView,
     rows: Floats,
     parameters: Floats,
     *,
@@ -81,10 +76,8 @@ def fit_matt(
 
     Parameters
     ----------
-    turned, maps
-        The raw image, turned so that the shaft is upright, and where its pixels are.
-    lines
-        The lines that offsets and tilts are from, undistorted px.
+    view
+        The image, and the lines that offsets and tilts are from.
     rows
         1 for the rows that count, shape (2, rows).
     parameters
@@ -94,7 +87,7 @@ def fit_matt(
     blur
         What is known of the blur beforehand.
     """
-    samples = _across(turned, maps, lines, rows, parameters)
+    samples = _across(view, rows, parameters)
     if samples is None:
         return None
     for _ in range(ITERATIONS):
@@ -109,22 +102,15 @@ def fit_matt(
     return Matt(parameters, covariance * max(1.0, fit.variance / noise**2), left)
 
 
-def _across(
-    turned: NDArray[np.generic],
-    maps: tuple[BandMap, BandMap],
-    lines: Lines,
-    rows: Floats,
-    parameters: Floats,
-) -> Samples | None:
+def _across(view: ShaftView, rows: Floats, parameters: Floats) -> Samples | None:
     """Return the means over bins of all pixels from beside either edge to the axis."""
-    ends = halves_px(lines, np.array([[[-1.0], [1.0]]] * 2))
+    ends = halves_px(view.lines, np.array([[[-1.0], [1.0]]] * 2))
     reach = float(ends.max()) + SPARE_PX
     if reach > LARGEST_HALF_PX:
         return None
-    near = near_lines(maps, lines)
     outer = ROUND.outer_px + SPARE_PX
-    bands = strip(turned, near, lines, near_px=(reach, outer))
-    half = halves_px(lines, bands.lever[..., bands.lever.shape[2] // 2, None]) * bands.scale
+    bands = strip(view, near_px=(reach, outer))
+    half = halves_px(view.lines, bands.lever[..., bands.lever.shape[2] // 2, None]) * bands.scale
     seen = pixels(bands, half, rows * bands.valid, None, slice(None))
     means = binned(seen, parameters, (-float(half.max()) - SPARE_PX, ROUND.outer_px))
     inside = means.moved(parameters) > -_radius(means, parameters)

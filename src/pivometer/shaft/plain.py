@@ -15,18 +15,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap, near_lines
-from pivometer.shaft.bands import EdgeLine
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
+from pivometer.shaft.lines import EdgeLine, Lines
 from pivometer.shaft.profile import normal_cdf
 from pivometer.shaft.response import common_shift_px
 from pivometer.shaft.strip import CHUNK_ROWS, Strip, strip
-
-Lines = tuple[EdgeLine, EdgeLine]
+from pivometer.shaft.view import ShaftView
 
 NEAR_SIGMAS = 4.0
 """The profile is evaluated this far to both sides; Φ(−4) of a contrast of 160 is 0.005 levels."""
@@ -181,46 +178,35 @@ def _response_px(step: Step, features: Floats, variance: float, blur_px: float) 
     return common_shift_px(_without_levels(gram)[0], contrast, variance, blur_px)
 
 
-def fit_plain(
-    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], lines: Lines
-) -> FittedEdges | None:
+def fit_plain(view: ShaftView) -> FittedEdges | None:
     """Return both edges if grey levels are flat beside them, else None.
 
     Parameters
     ----------
-    turned
-        The raw image, turned so that the shaft is upright, any type.
-    maps
-        Where its pixels are.
-    lines
-        The edges to a pixel or two, undistorted px.
+    view
+        The image, and the edges to a pixel or two.
     """
+    lines = view.lines
     half = _least_gap(lines) / 2
     if half < NEAR_SIGMAS * FIRST_BLUR_PX + LEAST_FAR_PX:
         return None
-    step = max(1, len(maps[0].rows) // COARSE_ROWS)
-    estimate = _coarse(turned, (maps[0].every(step), maps[1].every(step)), lines, half)
+    step = max(1, len(view.maps[0].rows) // COARSE_ROWS)
+    estimate = _coarse(view.every(step), half)
     if estimate is None:
         return None
-    start = lines[0].moved(*estimate[:2]), lines[1].moved(*estimate[2:4])
-    near = maps[0].towards(start[0]), maps[1].towards(start[1])
-    return _fine(turned, near, start, half, float(estimate[4]))
+    return _fine(view.moved(estimate), half, float(estimate[4]))
 
 
-def _coarse(
-    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], lines: Lines, half: float
-) -> Floats | None:
+def _coarse(view: ShaftView, half: float) -> Floats | None:
     """Return the parameters from a part of the rows, good to a few thousandths of a pixel.
 
     None where even they show that levels are not flat.
     """
-    kurtosis = np.array([_kurtosis(line) for line in lines])
+    kurtosis = np.array([_kurtosis(line) for line in view.lines])
     estimate = np.array([0.0, 0.0, 0.0, 0.0, FIRST_BLUR_PX])
     reach = NEAR_SIGMAS * FIRST_BLUR_PX + 2.0 + COARSE_FAR_PX
     bands = strip(
-        turned,
-        near_lines(maps, lines),
-        lines,
+        view,
         near_px=(NEAR_SIGMAS * FIRST_BLUR_PX + 1.0,) * 2,
         inner_px=min(reach, half),
         outer_px=reach,
@@ -240,24 +226,16 @@ def _coarse(
     return None if sharp and _trend(bands, weights, noise) > COARSE_SIGMAS else estimate
 
 
-def _fine(
-    turned: NDArray[np.generic],
-    maps: tuple[BandMap, BandMap],
-    start: Lines,
-    half: float,
-    blur: float,
-) -> FittedEdges | None:
+def _fine(view: ShaftView, half: float, blur: float) -> FittedEdges | None:
     """Return the fit to all rows, or None where it does not hold."""
     widen = max(1.0, blur)
     bands = strip(
-        turned,
-        maps,
-        start,
+        view,
         near_px=(NEAR_SIGMAS * blur + 0.5,) * 2,
         inner_px=min(FAR_PX * widen, half),
         outer_px=FAR_PX * widen,
     )
-    kurtosis = np.array([_kurtosis(line) for line in start])
+    kurtosis = np.array([_kurtosis(line) for line in view.lines])
     estimate = np.array([0.0, 0.0, 0.0, 0.0, blur])
     noise, weights = _flat_rows(bands)
     for iteration in range(ITERATIONS):
@@ -273,7 +251,7 @@ def _fine(
         estimate[4] = np.clip(estimate[4], *BLUR_RANGE_PX)
         if gain < CONVERGED_CHI2 * noise.mean() or np.abs(move).max() < CONVERGED_PX:
             break
-    return _judged(bands, step, features, noise, weights, estimate, start, turned.dtype)
+    return _judged(bands, step, features, noise, weights, estimate, view)
 
 
 def _least_gap(lines: Lines) -> float:
@@ -332,8 +310,7 @@ def _judged(
     noise: Floats,
     weights: Floats,
     estimate: Floats,
-    start: Lines,
-    depth: np.dtype[np.generic],
+    view: ShaftView,
 ) -> FittedEdges | None:
     """Return the fit, or None where the levels are not flat or too few rows agree."""
     used, valid = weights > 0, bands.valid > 0
@@ -365,7 +342,7 @@ def _judged(
     used &= np.repeat(chunk > 0, CHUNK_ROWS, axis=1)
     scale = bands.scale[..., 0]
     return FittedEdges(
-        start=start,
+        start=view.lines,
         parameters=estimate,
         covariance=covariance,
         contrast=(np.abs(contrast) * chunk).sum(axis=1),
@@ -375,7 +352,7 @@ def _judged(
         weight=information / variance / scale**2,
         accepted=used,
         counted=valid,
-        saturated_part=saturated_part(bands.near, used, depth),
+        saturated_part=saturated_part(bands.near, used, view.depth),
         shading="flat",
         response_px=response_px,
     )

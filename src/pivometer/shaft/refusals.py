@@ -9,10 +9,10 @@ import numpy as np
 
 from pivometer.cameras.model import Camera
 from pivometer.errors import ShaftNotFoundError
-from pivometer.shaft.bands import EdgeLine, width_px
 from pivometer.shaft.detection import ShaftSeed
 from pivometer.shaft.evidence import BLURS_ACROSS, blurs_meet
 from pivometer.shaft.fitted import FittedEdges
+from pivometer.shaft.lines import Lines, width_px
 
 LEAST_ROWS = 20
 LEAST_ROW_PART = 0.25
@@ -47,7 +47,7 @@ def extrapolates(fitted: FittedEdges) -> bool:
     return bool(fitted.overshoot.max() > LARGEST_OVERSHOOT)
 
 
-def refuse_fit(fitted: FittedEdges, seed: tuple[EdgeLine, EdgeLine]) -> None:
+def refuse_fit(fitted: FittedEdges, seed: Lines) -> None:
     """Raise `ShaftNotFoundError` where the fit does not show the two edges of the seed."""
     lines = fitted.lines
     if strays(fitted):

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
 from pivometer.shaft.band_map import BandMap, picked
-from pivometer.shaft.bands import EdgeLine
+from pivometer.shaft.lines import EdgeLine, Lines
+from pivometer.shaft.view import ShaftView
 
 SEARCH_PX = 4
 """Reach on each side of the seed: twice the 2 px a seed is good to."""
@@ -24,35 +25,32 @@ SEED_PENALTY_PER_PX2 = 0.04
 highlight 4 px inside a glossy shaft from winning over a faint edge at the seed."""
 
 
-def found_lines(
-    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], lines: tuple[EdgeLine, EdgeLine]
-) -> tuple[EdgeLine, EdgeLine]:
-    """Return the lines moved to where most rows see a grey step, to about half a pixel.
+def found_lines(view: ShaftView) -> Lines:
+    """Return the view's lines moved to where most rows see a grey step, to about half a pixel.
 
     Parameters
     ----------
-    turned
-        The image, turned so that the shaft is upright.
-    maps
-        The rows that are looked at, and where each edge is in them.
-    lines
-        The seed's edges, undistorted px.
+    view
+        The image, the rows that are looked at, and the seed's edges.
     """
-    moves = [_best_move(turned, m, line) for m, line in zip(maps, lines, strict=True)]
-    return lines[0].moved(*moves[0]), lines[1].moved(*moves[1])
+    one, other = (
+        line.moved(*_best_move(view.pixels, m, line))
+        for m, line in zip(view.maps, view.lines, strict=True)
+    )
+    return one, other
 
 
-def _best_move(turned: NDArray[np.generic], m: BandMap, line: EdgeLine) -> tuple[float, float]:
+def _best_move(pixels: NDArray[np.generic], m: BandMap, line: EdgeLine) -> tuple[float, float]:
     """Return the (offset, tilt) in px whose line collects most of the rows' grey steps."""
     places = int(np.ceil(SEARCH_PX * m.slant)) + 1
     window = int(np.rint(WINDOW_PX * m.slant))
     j = np.arange(-places - window, places + window)
     base = np.rint(m.centre)
     columns = base.astype(np.intp)[:, None] + m.outward * j
-    rows = ((columns >= 0) & (columns < turned.shape[1])).all(axis=1)
+    rows = ((columns >= 0) & (columns < pixels.shape[1])).all(axis=1)
     if not rows.any():
         return 0.0, 0.0
-    steps = _grey_steps(picked(turned, m.rows[rows], columns[rows]), window)
+    steps = _grey_steps(picked(pixels, m.rows[rows], columns[rows]), window)
     usual = float(np.median(steps.max(axis=1)))
     votes = steps / (steps + max(usual, 1e-9))  # a strong edge has one vote, not a hundred
     half = line.half_px / (line.half_px @ line.half_px)

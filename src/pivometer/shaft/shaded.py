@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
 from pivometer.cameras.model import Camera
-from pivometer.shaft.bands import EdgeLine, gather, width_px
+from pivometer.shaft.bands import gather
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
+from pivometer.shaft.lines import Lines, width_px
 from pivometer.shaft.profile import BLUR_RANGE_PX, Bands, Fit, Model, linearize
 from pivometer.shaft.refusals import extrapolates
 from pivometer.shaft.weights import RowTrust, trust_rows
@@ -78,7 +79,7 @@ CONVERGED_CHI2 = 0.04
 
 
 def fit_shaded(
-    image: NDArray[np.generic], camera: Camera, start: tuple[EdgeLine, EdgeLine], blur_px: float
+    image: NDArray[np.generic], camera: Camera, start: Lines, blur_px: float
 ) -> FittedEdges:
     """Return the maximum-likelihood edges near `start`: first guarded, then as simple as fits."""
     widen = max(1.0, blur_px)
@@ -142,7 +143,7 @@ def _every_other_row(bands: Bands) -> Bands:
 def _gather(
     image: NDArray[np.generic],
     camera: Camera,
-    lines: tuple[EdgeLine, EdgeLine],
+    lines: Lines,
     reach_px: tuple[float, float],
 ) -> Bands:
     half = width_px(lines) / 2
@@ -224,7 +225,7 @@ def _misfit(bands: Bands, fit: Fit, trust: RowTrust, model: Model) -> Floats:
 
 def _solution(
     image: NDArray[np.generic],
-    start: tuple[EdgeLine, EdgeLine],
+    start: Lines,
     bands: Bands,
     fit: Fit,
     trust: RowTrust,

@@ -9,9 +9,7 @@ from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
 from pivometer.shaft.band_map import BandMap, picked
-from pivometer.shaft.bands import EdgeLine
-
-Lines = tuple[EdgeLine, EdgeLine]
+from pivometer.shaft.view import ShaftView
 
 CHUNK_ROWS = 24
 """Rows that share grey levels."""
@@ -54,9 +52,7 @@ class Strip:
 
 
 def strip(
-    turned: NDArray[np.generic],
-    maps: tuple[BandMap, BandMap],
-    lines: Lines,
+    view: ShaftView,
     *,
     near_px: tuple[float, float],
     inner_px: float = 0.0,
@@ -66,26 +62,23 @@ def strip(
 
     Parameters
     ----------
-    turned
-        The image, turned so that the shaft is upright.
-    maps, lines
-        Where the pixels are, and the edges that distances are from.
+    view
+        The image, and the edges that distances are from.
     near_px
         Reach of the near columns inside and outside, raw px.
     inner_px, outer_px
         Reach of the far ones, raw px; by default there are none to speak of.
     """
-    near, beyond = _columns(maps, near_px)
-    slant = max(m.slant for m in maps)
-    inner = max(near + 2, int(inner_px * slant))
-    outer = max(beyond + 2, int(outer_px * slant))
-    begin, count = _rows(maps)
+    near, beyond = _columns(view, near_px)
+    inner = max(near + 2, int(inner_px * view.slant))
+    outer = max(beyond + 2, int(outer_px * view.slant))
+    begin, count = _rows(view.maps)
     j = np.arange(-inner, outer + 1)
-    grey, inside = _gathered(turned, maps, j)
+    grey, inside = _gathered(view, j)
     x, lever = np.zeros((2, 2, count, near + beyond + 1))
     scale = np.ones((2, count, 1))
     middle = np.arange(-near, beyond + 1)
-    for edge, (m, line) in enumerate(zip(maps, lines, strict=True)):
+    for edge, (m, line) in enumerate(zip(view.maps, view.lines, strict=True)):
         at = slice(begin[edge], begin[edge] + len(m.rows))
         columns = m.columns(middle)
         x[edge, at] = m.coordinate(line.outward, -float(line.outward @ line.middle_px), columns)
@@ -119,49 +112,48 @@ def strip(
 
 
 def mean_beside(
-    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], between_px: tuple[float, float]
+    view: ShaftView, between_px: tuple[float, float]
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Return each row's mean grey level between two distances, and which rows lie in the image.
 
     Parameters
     ----------
-    turned, maps
+    view
         As of a strip, whose rows these are.
     between_px
         The distances outward from both edges, to a pixel.
     """
-    slant = max(m.slant for m in maps)
-    first, last = (round(slant * distance) for distance in between_px)
-    grey, inside = _gathered(turned, maps, np.arange(first, last + 1))
+    first, last = (round(view.slant * distance) for distance in between_px)
+    grey, inside = _gathered(view, np.arange(first, last + 1))
     return np.asarray(grey.mean(axis=-1)), np.asarray(inside.all(axis=-1))
 
 
 def seen_beside(
-    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], near_px: tuple[float, float]
+    view: ShaftView, picture: NDArray[np.generic], near_px: tuple[float, float]
 ) -> Floats:
     """Return what another picture shows at the near pixels of a `strip`, and how it changes there.
 
     Parameters
     ----------
-    turned
-        The other picture, turned like the image.
-    maps, near_px
+    view, near_px
         As of the strip.
+    picture
+        The other picture, turned like the view's.
 
     Returns
     -------
     numpy.ndarray
         Grey levels, and their derivatives by column and by row, shape (3, 2, rows, k).
     """
-    near, beyond = _columns(maps, near_px)
-    begin, count = _rows(maps)
-    height, width = turned.shape
+    near, beyond = _columns(view, near_px)
+    begin, count = _rows(view.maps)
+    height, width = picture.shape
     planes = np.zeros((3, 2, count, near + beyond + 1))
-    for edge, m in enumerate(maps):
+    for edge, m in enumerate(view.maps):
         at = slice(begin[edge], begin[edge] + len(m.rows))
         columns = np.clip(m.columns(np.arange(-near - 1, beyond + 2)), 0, width - 1)
         above, here, below = (
-            picked(turned, np.clip(m.rows + k, 0, height - 1), columns).astype(np.float64)
+            picked(picture, np.clip(m.rows + k, 0, height - 1), columns).astype(np.float64)
             for k in (-1, 0, 1)
         )
         planes[0, edge, at] = here[:, 1:-1]
@@ -170,10 +162,9 @@ def seen_beside(
     return planes
 
 
-def _columns(maps: tuple[BandMap, BandMap], near_px: tuple[float, float]) -> tuple[int, int]:
+def _columns(view: ShaftView, near_px: tuple[float, float]) -> tuple[int, int]:
     """Return how many columns the near ones are inside and outside."""
-    slant = max(m.slant for m in maps)
-    inside, outside = (int(np.ceil(reach * slant)) + 1 for reach in near_px)
+    inside, outside = (int(np.ceil(reach * view.slant)) + 1 for reach in near_px)
     return inside, outside
 
 
@@ -186,21 +177,20 @@ def _rows(maps: tuple[BandMap, BandMap]) -> tuple[list[int], int]:
     return begin, -(-total // CHUNK_ROWS) * CHUNK_ROWS
 
 
-def _gathered(
-    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], j: NDArray[np.intp]
-) -> tuple[Floats, NDArray[np.bool_]]:
+def _gathered(view: ShaftView, j: NDArray[np.intp]) -> tuple[Floats, NDArray[np.bool_]]:
     """Return the pixels of columns j outward of both edges, and which lie in the image."""
-    begin, count = _rows(maps)
+    begin, count = _rows(view.maps)
+    width = view.pixels.shape[1]
     grey = np.zeros((2, count, len(j)))
     inside = np.zeros((2, count, len(j)), dtype=bool)
-    for edge, m in enumerate(maps):
+    for edge, m in enumerate(view.maps):
         at = slice(begin[edge], begin[edge] + len(m.rows))
         columns = m.columns(j)
-        within = (columns >= 0) & (columns < turned.shape[1])
+        within = (columns >= 0) & (columns < width)
         if within.all():
-            grey[edge, at] = picked(turned, m.rows, columns)
+            grey[edge, at] = picked(view.pixels, m.rows, columns)
         else:
-            clipped = np.clip(columns, 0, turned.shape[1] - 1)
-            grey[edge, at] = np.where(within, picked(turned, m.rows, clipped), 0)
+            clipped = np.clip(columns, 0, width - 1)
+            grey[edge, at] = np.where(within, picked(view.pixels, m.rows, clipped), 0)
         inside[edge, at] = within
     return grey, inside

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap, near_lines
-from pivometer.shaft.bands import width_px
 from pivometer.shaft.fitted import FittedEdges
+from pivometer.shaft.lines import width_px
 from pivometer.shaft.profile import normal_cdf
 from pivometer.shaft.samples import Samples, pixels
 from pivometer.shaft.strip import strip
+from pivometer.shaft.view import ShaftView
 
 WINDOW_PX = 3.0
 """Reach to both sides of the narrow window: wider ones do not fit an edge with lanes. All lengths
@@ -42,29 +42,24 @@ QUARTILE, QUARTILE_CHI2 = 25.0, 0.1015
 one side, so that no more than half of the places see it: it does not count as lanes."""
 
 
-def with_texture(
-    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], fitted: FittedEdges
-) -> FittedEdges:
+def with_texture(view: ShaftView, fitted: FittedEdges) -> FittedEdges:
     """Return fitted edges less certain by what the shaft's lanes may move them by.
 
     Parameters
     ----------
-    turned
-        The raw image, turned so that the shaft is upright.
-    maps
-        Where its pixels are.
+    view
+        The image.
     fitted
         The edges; only its rows count.
     """
-    lines, blur = fitted.lines, float(fitted.parameters[4])
+    blur = float(fitted.parameters[4])
     widen, width = max(1.0, blur), width_px(fitted.lines)
     inner = min(REACH_PX * widen, width / 2)
     weights, depths = _weights(blur, widen), np.arange(-inner, -CLEAR_PX * widen, BIN_PX)
     if len(depths) < len(weights):
         return fitted
-    near = near_lines(maps, lines)
     reach = max(inner, WINDOW_PX * widen), WINDOW_PX * widen
-    bands = strip(turned, near, lines, near_px=reach)
+    bands = strip(view.about(fitted.lines), near_px=reach)
     rows = bands.valid * fitted.accepted_at(bands.lever.mean(axis=-1))
     half = np.full_like(bands.scale, width / 2)
     samples = pixels(bands, half, rows, None, slice(None))

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap, picked
-from pivometer.shaft.bands import EdgeLine
+from pivometer.shaft.band_map import picked
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.fitted import FittedEdges
 from pivometer.shaft.plain import (
@@ -30,8 +29,7 @@ from pivometer.shaft.plain import (
 )
 from pivometer.shaft.profile import normal_cdf
 from pivometer.shaft.strip import CHUNK_ROWS
-
-Lines = tuple[EdgeLine, EdgeLine]
+from pivometer.shaft.view import ShaftView
 
 COARSE_ITERATIONS = 10
 ITERATIONS = 4
@@ -70,37 +68,31 @@ class _Fit:
     jacobian: Floats  # (chunks, 5, p)
 
 
-def fit_thin(
-    turned: NDArray[np.generic], maps: tuple[BandMap, BandMap], lines: Lines
-) -> FittedEdges | None:
+def fit_thin(view: ShaftView) -> FittedEdges | None:
     """Return both edges of a thin shaft with flat grey levels, else None.
 
     Parameters
     ----------
-    turned
-        The raw image, turned so that the shaft is upright.
-    maps
-        Where its pixels are.
-    lines
-        The edges to a pixel or so, undistorted px.
+    view
+        The image, and the edges to a pixel or so.
     """
-    step = max(1, len(maps[0].rows) // COARSE_ROWS)
+    few = view.every(max(1, len(view.maps[0].rows) // COARSE_ROWS))
     estimate = np.array([0.0, 0.0, 0.0, 0.0, FIRST_BLUR_PX])
-    coarse = thin_rows(turned, maps[0].every(step), lines, FIRST_BLUR_PX)
+    coarse = thin_rows(few, FIRST_BLUR_PX)
     weights, _ = _flat(coarse)
     if weights.sum() < LEAST_ROWS:
         return None
     estimate = _iterated(coarse, weights, estimate, COARSE_ITERATIONS)
     if estimate[4] > 1.5 * FIRST_BLUR_PX:
-        wider = thin_rows(turned, maps[0].every(step), lines, float(estimate[4]))
+        wider = thin_rows(few, float(estimate[4]))
         estimate = _iterated(wider, weights, estimate, COARSE_ITERATIONS)
-    start = lines[0].moved(*estimate[:2]), lines[1].moved(*estimate[2:4])
-    rows = thin_rows(turned, maps[0].towards(start[0]), start, float(estimate[4]))
-    return _fine(rows, start, float(estimate[4]), turned.dtype)
+    near = view.moved(estimate)
+    return _fine(thin_rows(near, float(estimate[4])), near, float(estimate[4]))
 
 
-def thin_rows(turned: NDArray[np.generic], m: BandMap, lines: Lines, blur: float) -> ThinRows:
+def thin_rows(view: ShaftView, blur: float) -> ThinRows:
     """Gather rows across the whole shaft and 4 blurs beside it, and the sums of farther columns."""
+    lines, m, columns_of_image = view.lines, view.maps[0], view.pixels.shape[1]
     ends = lines[0].at(np.array([-1.0, 1.0])) - lines[1].middle_px
     width = float(np.abs(ends @ lines[1].outward).max()) * float(m.scale.max())
     near = int(np.ceil((NEAR_SIGMAS * blur + 1.0) * m.slant))
@@ -108,8 +100,8 @@ def thin_rows(turned: NDArray[np.generic], m: BandMap, lines: Lines, blur: float
     far = int(np.ceil(FAR_PX * max(1.0, blur) * m.slant))
     j = np.arange(-beyond - far, near + far + 1)
     columns = np.rint(m.centre).astype(np.intp)[:, None] + m.outward * j
-    within = (columns >= 0) & (columns < turned.shape[1])
-    grey = picked(turned, m.rows, np.clip(columns, 0, turned.shape[1] - 1)).astype(np.float64)
+    within = (columns >= 0) & (columns < columns_of_image)
+    grey = picked(view.pixels, m.rows, np.clip(columns, 0, columns_of_image - 1)).astype(np.float64)
     count = -(-len(grey) // CHUNK_ROWS) * CHUNK_ROWS
     grey = np.concatenate([grey * within, np.zeros((count - len(grey), len(j)))])
     inside = np.concatenate([within, np.zeros((count - len(within), len(j)), dtype=bool)])
@@ -214,9 +206,7 @@ def _iterated(rows: ThinRows, weights: Floats, parameters: Floats, most: int) ->
     return parameters
 
 
-def _fine(
-    rows: ThinRows, start: Lines, blur: float, depth: np.dtype[np.generic]
-) -> FittedEdges | None:
+def _fine(rows: ThinRows, view: ShaftView, blur: float) -> FittedEdges | None:
     """Return the fit to all rows, or None where levels are not flat or too few rows agree."""
     parameters = np.array([0.0, 0.0, 0.0, 0.0, blur])
     weights, noise = _flat(rows)
@@ -241,17 +231,16 @@ def _fine(
     trend = float(np.abs((whole * rows.trends).sum(axis=1) / spread).max())
     if excess > LARGEST_EXCESS + FLAT_SIGMAS * np.sqrt(2 / freedom) or trend > FLAT_SIGMAS:
         return None
-    return _fitted(rows, start, fit, parameters, used, noise * max(1.0, excess), depth)
+    return _fitted(rows, fit, parameters, used, noise * max(1.0, excess), view)
 
 
 def _fitted(
     rows: ThinRows,
-    start: Lines,
     fit: _Fit,
     parameters: Floats,
     used: NDArray[np.bool_],
     variance: float,
-    depth: np.dtype[np.generic],
+    view: ShaftView,
 ) -> FittedEdges:
     across = fit.jacobian[:, [0, 2]]
     by_row = (2, *rows.grey.shape)
@@ -265,7 +254,7 @@ def _fitted(
     steps = np.abs(fit.levels[:, :2] - fit.levels[:, 2:])
     chunk = _by_chunk(used.astype(np.float64))
     return FittedEdges(
-        start=start,
+        start=view.lines,
         parameters=parameters,
         covariance=np.asarray(np.linalg.inv(fit.information + 1e-9 * np.eye(5)) * variance),
         contrast=(steps * chunk[:, None]).sum(axis=0) / chunk.sum(),
@@ -275,6 +264,6 @@ def _fitted(
         weight=information / variance / scale**2,
         accepted=both & (information > 0),
         counted=np.stack([rows.valid, rows.valid]) > 0,
-        saturated_part=saturated_part(np.stack([rows.grey] * 2), both, depth),
+        saturated_part=saturated_part(np.stack([rows.grey] * 2), both, view.depth),
         shading="flat",
     )

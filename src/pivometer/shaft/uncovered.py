@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
 from pivometer.shaft.band_map import BandMap, picked
-from pivometer.shaft.bands import EdgeLine, width_px
+from pivometer.shaft.lines import EdgeLine, Lines, width_px
+from pivometer.shaft.view import ShaftView
 
 INWARD_PART, OUTWARD_PART, SPARE_PX = 0.25, 0.35, 4.0
 """Reach of the search in widths, and beyond that: lanes lie up to a third of the shaft inside."""
@@ -46,32 +47,23 @@ LEAST_MOVE_PX = 1.5
 edges started within that of the truth, and moved ones 2111; 16 had started better than moved."""
 
 
-def uncovered_lines(
-    turned: NDArray[np.generic],
-    background: Floats,
-    maps: tuple[BandMap, BandMap],
-    lines: tuple[EdgeLine, EdgeLine],
-) -> tuple[EdgeLine, EdgeLine] | None:
+def uncovered_lines(view: ShaftView, background: Floats) -> Lines | None:
     """Return lines moved to where the background begins, good to 1 px; None if none need be.
 
     Parameters
     ----------
-    turned
-        The image, turned so that the shaft is upright.
+    view
+        The image, and what was taken for the shaft's edges.
     background
         What stands behind the shaft, turned likewise; NaN where unknown.
-    maps
-        Where the pixels about the lines are.
-    lines
-        What was taken for the shaft's edges, undistorted px.
     """
-    noise = _noise(turned, background)
+    noise = _noise(view.pixels, background)
     if not np.isfinite(noise):
         return None
-    width = width_px(lines)
+    lines, width = view.lines, width_px(view.lines)
     moves = [
-        _move(_Beside.of(turned, background, m, line, width, noise))
-        for m, line in zip(maps, lines, strict=True)
+        _move(_Beside.of(view.pixels, background, m, line, width, noise))
+        for m, line in zip(view.maps, lines, strict=True)
     ]
     if moves == [None, None]:
         return None
@@ -81,9 +73,9 @@ def uncovered_lines(
     return one, other
 
 
-def _noise(turned: NDArray[np.generic], background: Floats) -> float:
+def _noise(pixels: NDArray[np.generic], background: Floats) -> float:
     """Return the noise of the difference from the background, NaN where nothing is known."""
-    away = turned[::5, ::3].astype(np.float64) - background[::5, ::3]
+    away = pixels[::5, ::3].astype(np.float64) - background[::5, ::3]
     known = np.abs(away[np.isfinite(away)])
     return max(1.4826 * float(np.median(known)), 0.5) if len(known) else float("nan")
 
@@ -105,7 +97,7 @@ class _Beside:
     @classmethod
     def of(
         cls,
-        turned: NDArray[np.generic],
+        pixels: NDArray[np.generic],
         background: Floats,
         m: BandMap,
         line: EdgeLine,
@@ -116,8 +108,8 @@ class _Beside:
             round((part * width + SPARE_PX) * m.slant) for part in (INWARD_PART, OUTWARD_PART)
         )
         columns = m.columns(np.arange(-inward, outward + 1))
-        within = np.clip(columns, 0, turned.shape[1] - 1)
-        seen, behind = (picked(of, m.rows, within) for of in (turned, background))
+        within = np.clip(columns, 0, pixels.shape[1] - 1)
+        seen, behind = (picked(of, m.rows, within) for of in (pixels, background))
         away = seen.astype(np.float64) - behind.astype(np.float64)
         known = np.isfinite(away) & (columns == within)
         first = np.arange(0, len(m.rows), CHUNK_ROWS)

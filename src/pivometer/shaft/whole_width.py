@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.band_map import BandMap, near_lines
-from pivometer.shaft.bands import EdgeLine, tapers_px, width_px
 from pivometer.shaft.evidence import saturated_part
 from pivometer.shaft.glossy import Glossy, Profile, fit_glossy
+from pivometer.shaft.lines import tapers_px, width_px
 from pivometer.shaft.rungs import Blur
 from pivometer.shaft.strip import Strip, strip
-
-Lines = tuple[EdgeLine, EdgeLine]
+from pivometer.shaft.view import ShaftView
 
 PARTS = 4
 """The shaft's length is fitted in so many parts, in each of which its width counts as constant."""
@@ -30,9 +27,7 @@ FULL_BIN = 10
 
 
 def fit_whole_width(
-    turned: NDArray[np.generic],
-    maps: tuple[BandMap, BandMap],
-    lines: Lines,
+    view: ShaftView,
     rows: Floats,
     *,
     noise: float,
@@ -43,10 +38,8 @@ def fit_whole_width(
 
     Parameters
     ----------
-    turned, maps
-        The raw image, turned so that the shaft is upright, and where its pixels are.
-    lines
-        The edges to half a pixel, undistorted px.
+    view
+        The image, and the edges to half a pixel.
     rows
         1 for the rows that count, shape (2, rows).
     noise
@@ -54,15 +47,14 @@ def fit_whole_width(
     blur, blur_px
         What is known of the blur beforehand, and what was found so far.
     """
-    width = width_px(lines)
+    lines, width = view.lines, width_px(view.lines)
     if width / 2 > LARGEST_HALF_PX:
         return None
-    near = near_lines(maps, lines)
     reach = float(width / 2 + np.abs(tapers_px(lines)).max() + 1)
-    bands = strip(turned, near, lines, near_px=(reach, OUTER_PX + 1))
+    bands = strip(view, near_px=(reach, OUTER_PX + 1))
     middle = bands.lever[..., bands.lever.shape[2] // 2, None]
     half = np.maximum(width / 2 + tapers_px(lines)[..., 0] * middle, 1.0)
-    profile = profile_across(bands, half, rows * bands.valid, turned.dtype)
+    profile = profile_across(bands, half, rows * bands.valid, view.depth)
     return fit_glossy(profile, min(noise, profile.noise), blur, blur_px)
 
 
