@@ -1,5 +1,7 @@
 """What several cameras agree on, from silhouettes of cylinders in space."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -70,17 +72,43 @@ def test_of_two_rods_the_right_pair_of_pictures_is_found_whatever_their_order(se
     assert "one of 5." in (found.doubt or "") or "one of 4." in (found.doubt or "")
 
 
-def test_a_wide_thing_of_one_camera_alone_is_no_rival():
+def test_a_stout_thing_of_one_camera_alone_is_no_rival():
     shaft = seen(PIVOT, 10.0, thing=0, seed=1)
     left_only, right_only = (
         seen(ROD_PIVOT, 20.0, thing=1, seed=2),
-        seen(PIVOT, 14.0, thing=1, seed=9),
+        seen(PIVOT, 14.0, thing=1, seed=9, reach_mm=(20.0, 80.0)),
     )
     candidates = [[shaft[0], left_only[0]], [shaft[1], right_only[1]]]
     found = concurrence(candidates, POSES, RIG)
     assert found.shaft is not None
     assert found.doubt is None
     assert found.shaft.chosen == (shaft[0], shaft[1])
+
+
+@pytest.mark.parametrize(("support", "named"), [(200.0, True), (50.0, False)])
+def test_a_slender_thing_that_one_camera_alone_sees_wider_is_named(support, named):
+    rod = seen(ROD_PIVOT, 5.0, thing=0, seed=2)
+    shaft = seen(PIVOT, 10.0, thing=1, seed=1, support=support)
+    candidates = [[rod[0], shaft[0]], [rod[1]]]
+    found = concurrence(candidates, POSES, RIG)
+    assert found.shaft is not None
+    assert found.shaft.chosen == (rod[0], rod[1])
+    assert ("a alone sees something wider turn, 20 px" in (found.doubt or "")) == named
+    stated = concurrence(candidates, POSES, RIG, diameter_mm=5.0)
+    assert stated.doubt is None
+
+
+def test_what_few_pictures_show_counts_where_another_camera_sees_it_in_most():
+    rod = seen(ROD_PIVOT, 5.0, thing=0, seed=2)
+    often = seen(PIVOT, 10.0, thing=1, seed=1, support=250.0)
+    rarely = [replace(one, rare=True) for one in often]
+    found = concurrence(together(rod, (often[0], rarely[1])), POSES, RIG)
+    assert found.shaft is not None
+    assert found.shaft.chosen == (often[0], rarely[1])
+    assert "the wider is taken" in (found.doubt or "")
+    nowhere_often = concurrence(together(rod, rarely), POSES, RIG).shaft
+    assert nowhere_often is not None
+    assert nowhere_often.chosen == (rod[0], rod[1])
 
 
 @pytest.mark.parametrize("diameter_mm", [8.5, 12.5])

@@ -48,6 +48,8 @@ class Candidate:
         Its width at the pivot and where that is, raw px.
     unexplained
         Edge length of the best other thing in the usual sample, in parts of its own.
+    rare
+        Whether so few samples show it that another camera must see it in more of them.
     """
 
     motion: Motion
@@ -57,6 +59,7 @@ class Candidate:
     width_px: float
     pivot_px: Floats
     unexplained: float = 0.0
+    rare: bool = False
 
     @property
     def slenderness(self) -> float:
@@ -104,7 +107,11 @@ def candidates(
             pivot = scale.raw_pixels(one.motion.pivot_px + centre_px)
             width = one.motion.width_px * scale.factor
             others = unexplained(one.motion, table)
-            found.append(Candidate(one.motion, one.support_px, number, edges, width, pivot, others))
+            found.append(
+                Candidate(
+                    one.motion, one.support_px, number, edges, width, pivot, others, thing.rare
+                )
+            )
     return tuple(found)
 
 

@@ -254,7 +254,10 @@ def learn_shaft(
         warning, things = None, []
     else:
         things = turning_things(table)
-        motion, warning = _motion(things, table, len(frames), search)
+        serious = [thing for thing in things if not thing.rare]
+        motion, warning = _motion(serious, table, len(frames), search)
+        if not serious and isinstance(motion, Motion):
+            things = []
     if not things and isinstance(motion, Motion):
         things = [Turning(motion, motion.length_px * motion.frames)]
     found = candidates(

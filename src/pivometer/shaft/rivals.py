@@ -20,7 +20,9 @@ SAME_PIVOT_SPREADS = 3.0
 stripes, its collar and its carriage."""
 
 SERIOUS_SHARE = 0.4
-"""A motion counts that this share of the frames shows."""
+RARE_SHARE, RARE_FRAMES = 0.2, 5
+"""A motion counts that this share of the frames shows; with half of it, but five frames, where
+another camera sees it in more. With three frames of twelve chance passed for a second rod."""
 
 EQUAL_SUPPORT = 0.25
 """A motion with this share of the best one's edge length is seen as well as that one."""
@@ -34,22 +36,29 @@ WIDER = 1.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turning:
-    """One thing that turns: its motion and the edge length that all frames show of it, px."""
+    """One thing that turns: its motion and the edge length that all frames show of it, px.
+
+    A rare one is shown by less than `SERIOUS_SHARE` of the frames.
+    """
 
     motion: Motion
     support_px: float
+    rare: bool = False
 
 
 def turning_things(table: PairTable) -> list[Turning]:
-    """Return what turns in the frames, the best seen first; each about a pivot of its own."""
+    """Return what turns in at least some frames, the best seen first; each about its own pivot."""
     things: list[Turning] = []
     frames = len(np.unique(table.at))
+    serious = max(3.0, SERIOUS_SHARE * frames)
+    least = min(serious, max(RARE_FRAMES, RARE_SHARE * frames))
     for _ in range(MOST_MOTIONS):
         motion = common_motion(table)
-        if motion is None or motion.frames < max(3.0, SERIOUS_SHARE * frames):
+        if motion is None or motion.frames < least:
             break
         fits = motion.agreement(table)
-        things.append(Turning(motion, float(fits[table.best_per_frame(fits)].sum())))
+        support = float(fits[table.best_per_frame(fits)].sum())
+        things.append(Turning(motion, support, rare=motion.frames < serious))
         away = np.abs(at_pivot(table, motion.pivot_px, 0.0)[0]) / motion.spread_px
         table = table.rows(away > SAME_PIVOT_SPREADS)
     return sorted(things, key=lambda thing: -thing.support_px)
