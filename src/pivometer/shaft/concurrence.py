@@ -65,8 +65,8 @@ FAINT_RIVAL = 0.03
 answer. Beside shafts joined to their shadows only thick shafts were such in 150 drawn sessions."""
 
 LONG_SLENDERNESS = 6.0
-"""What one camera alone sees turn, wider than the shaft, may be it if it is as long in its widths or
-as well seen as what is seen best. In 150 drawn sessions, half with shadows, no camera saw such a
+"""What one camera alone sees turn, wider than the shaft, may be it if it is so long in its widths,
+or as well seen as what is seen best. In 150 drawn sessions, half with shadows, no camera saw such a
 thing where the shaft was taken; it did in 4 where something else was."""
 
 MOST_UNEXPLAINED = 0.5
