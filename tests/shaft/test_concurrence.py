@@ -91,6 +91,8 @@ def test_no_rod_is_the_shaft_where_one_camera_alone_sees_something_wider(support
     stated = concurrence(candidates, POSES, RIG, diameter_mm=5.0)
     assert stated.shaft is not None
     assert stated.doubt is None
+    other = concurrence(candidates, POSES, RIG, diameter_mm=12.0)
+    assert ("has the stated 12 mm: give hints" in (other.doubt or "")) == told
 
 
 def test_all_cameras_that_see_something_wider_are_named():

@@ -215,23 +215,35 @@ def concurrence(
         if fitting:
             return _fitting(fitting, often, diameter_mm, rig)
     found = _widest(often, rig)
-    if found.shaft is None:
+    wider = None if found.shaft is None else _wider(seen, agreeing, found.shaft, rig)
+    if wider is None:
         return found
-    faint = _faint(agreeing, found.shaft)
+    advice = "state diameter_mm"
+    if diameter_mm is not None:
+        advice = (
+            f"nothing that all cameras see often has the stated {diameter_mm:g} mm: give hints "
+            "([shaft.hint])"
+        )
+    return Concurrence(None, f"{wider}; {advice}")
+
+
+def _wider(
+    seen: Sequence[Sequence[Candidate]], agreeing: Sequence[Together], shaft: Together, rig: Rig
+) -> str | None:
+    """Say what is wider and may be the shaft instead, too badly seen to tell, if anything is."""
+    faint = _faint(agreeing, shaft)
     if faint is not None:
-        return Concurrence(
-            None,
+        return (
             f"of something wider that turns too little is seen to tell whether it is the shaft: "
-            f"{faint.described(rig)}, not {found.shaft.described(rig)}; state diameter_mm",
+            f"{faint.described(rig)}, not {shaft.described(rig)}"
         )
-    alone = _seen_by_one(seen, found.shaft, rig)
+    alone = " and ".join(_seen_by_one(seen, shaft, rig))
     if alone:
-        return Concurrence(
-            None,
-            f"the cameras agree on {found.shaft.described(rig)}, but not on what else turns and is "
-            f"wider: {' and '.join(alone)}; state diameter_mm",
+        return (
+            f"the cameras agree on {shaft.described(rig)}, but not on what else turns and is "
+            f"wider: {alone}"
         )
-    return found
+    return None
 
 
 def _faint(agreeing: Sequence[Together], shaft: Together) -> Together | None:
