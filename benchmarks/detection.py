@@ -38,6 +38,7 @@ AS_WIDE = (0.85, 1.18)
 
 ROWS: dict[str, dict[str, Any]] = {
     "36 poses": {"count": 36},
+    "36 poses, the diameter stated": {"count": 36, "stated": True},
     "36 poses, one empty frame": {"count": 36, "empty": True},
     "12 poses": {"count": 12},
     "36 poses, shadows and flicker": {"count": 36, "hard": True},
