@@ -1,0 +1,64 @@
+"""Which of the things that turn is taken for the shaft, in the sessions of `detection`.
+
+Run with ``OMP_NUM_THREADS=1 python -m benchmarks.choice [--sessions N] [--first S] [--only ROW]``.
+Nothing is fitted, so many fresh sessions can be looked at: a few seconds each. Right is a thing of
+the shaft's diameter to `ALIKE`; another is named, with whether a warning is given, as is each
+session in which the cameras give no answer. Later gates may still refuse what is wrong here.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from benchmarks._stress_sessions import StressSession, stress_session
+from benchmarks.detection import HELD_OUT, ROWS
+from pivometer.shaft.background import sampled
+from pivometer.shaft.concurrence import concurrence
+from pivometer.shaft.detection import MOST_SAMPLES, learn_shaft
+
+ALIKE = 0.15
+
+
+def chosen(drawn: StressSession, *, empty: bool, stated: bool) -> str | None:
+    """Return what is wrong with the choice, or why there is none; None where it is right."""
+    seen, poses = [], []
+    for name, frames in drawn.frames.items():
+        places = sampled(len(frames), MOST_SAMPLES)
+        background = drawn.empty[name] if empty else None
+        finder = learn_shaft((frames[place] for place in places), background=background)
+        seen.append(finder.candidates)
+        poses.append({sample: f"{place:03}" for sample, place in enumerate(places)})
+    stated_mm = drawn.diameter_mm if stated else None
+    found = concurrence(seen, poses, drawn.rig, diameter_mm=stated_mm)
+    if found.shaft is None:
+        return f"no answer: {found.doubt or 'nothing agrees'}"
+    if abs(found.shaft.diameter_mm / drawn.diameter_mm - 1) < ALIKE:
+        return None
+    said = "with" if found.doubt else "without"
+    return f"wrong {said} a warning: {found.shaft.diameter_mm:.1f} of {drawn.diameter_mm:.1f} mm"
+
+
+def main() -> None:
+    """Print each row's number of right choices, and every other one."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--sessions", type=int, default=10)
+    parser.add_argument("--first", type=int, default=HELD_OUT)
+    parser.add_argument("--only", default="")
+    options = parser.parse_args()
+    for name, choices in ROWS.items():
+        if options.only not in name:
+            continue
+        drawing = dict(choices)
+        given = {key: bool(drawing.pop(key, False)) for key in ("empty", "stated")}
+        others = {}
+        for seed in range(options.first, options.first + options.sessions):
+            other = chosen(stress_session(seed, **drawing), **given)
+            if other is not None:
+                others[seed] = other
+        print(f"{name}: {options.sessions - len(others)} of {options.sessions} right", flush=True)
+        for seed, other in others.items():
+            print(f"  {seed} {other}")
+
+
+if __name__ == "__main__":
+    main()
