@@ -110,6 +110,10 @@ class Together:
         """Relative standard uncertainty of the diameter."""
         return DIAMETER + DIAMETER_PX / min(one.width_px for one in self.chosen)
 
+    def apart_from(self, other: Together) -> bool:
+        """Whether no camera sees both as the same thing."""
+        return all(one != another for one, another in zip(self.things, other.things, strict=True))
+
     @property
     def rare(self) -> bool:
         """Whether no camera sees it often."""
@@ -254,7 +258,7 @@ def _faint(agreeing: Sequence[Together], shaft: Together) -> Together | None:
         for one in agreeing
         if one.slender
         and one.support >= least
-        and set(enumerate(one.things)).isdisjoint(enumerate(shaft.things))
+        and one.apart_from(shaft)
         and not all(map(_joined, one.chosen, shaft.chosen))
         and one.diameter_mm > WIDER * (1 + CLEAR_SIGMAS * shaft.sigma) * shaft.diameter_mm
     ]
@@ -268,7 +272,7 @@ def _joined(one: Candidate, shaft: Candidate) -> bool:
     """
     away = [
         min(
-            float(np.abs(_across(ends, edge)).max())
+            _farthest_px(ends, edge)
             for ends in one.edges_px[sample]
             for edge in shaft.edges_px[sample]
         )
@@ -278,11 +282,11 @@ def _joined(one: Candidate, shaft: Candidate) -> bool:
     return bool(away) and float(np.median(away)) < shaft.width_px / 2 + ON_SHAFT_PX
 
 
-def _across(points_px: Floats, edge_px: Floats) -> Floats:
-    """Return the distances of points (n, 2) from the line through an edge's ends (2, 2)."""
+def _farthest_px(points_px: Floats, edge_px: Floats) -> float:
+    """Return how far points (n, 2) lie from the line through an edge's ends (2, 2) at most."""
     along = edge_px[1] - edge_px[0]
     normal = np.array([-along[1], along[0]]) / np.hypot(*along)
-    return np.asarray((points_px - edge_px[0]) @ normal)
+    return float(np.abs((points_px - edge_px[0]) @ normal).max())
 
 
 def _seen_by_one(seen: Sequence[Sequence[Candidate]], shaft: Together, rig: Rig) -> list[str]:
@@ -323,8 +327,7 @@ def _fitting(
             f"two things turn that may have the stated {diameter_mm:g} mm: "
             f"{shaft.described(rig)} and {others[0].described(rig)}",
         )
-    parts = set(enumerate(shaft.things))
-    rest = [one for one in agreeing if parts.isdisjoint(enumerate(one.things))]
+    rest = [one for one in agreeing if one.apart_from(shaft)]
     if rest and shaft.departure(diameter_mm) > CLEAR_SIGMAS:
         rival = max(rest, key=lambda one: one.score)
         return Concurrence(
@@ -355,8 +358,7 @@ def _distinct(ones: Sequence[Together], value: Callable[[Together], float]) -> l
     """Return the best of each thing; one that shares a picture with a better one is a chance."""
     found: list[Together] = []
     for one in sorted(ones, key=value, reverse=True):
-        parts = set(enumerate(one.things))
-        if all(parts.isdisjoint(enumerate(other.things)) for other in found):
+        if all(one.apart_from(other) for other in found):
             found.append(one)
     return found
 

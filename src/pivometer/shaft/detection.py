@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import starmap, zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,23 +243,21 @@ def learn_shaft(
     scale = working_scale(smalls, factor)
     empty = None if background is None else scale.copy(background)
     copies = [scale.stretched(small) for small in smalls]
-    slopes = [gradient(copy) for copy in copies]
+    slopes = [gradient(copy) for copy in (copies if empty is None else copies[:1])]
     search = _search(copies, slopes, scale, empty)
-    frames = tuple(map(search.frame, copies, slopes))
+    frames = tuple(starmap(search.frame, zip_longest(copies, slopes)))
     if all(len(frame.edges.points_px) < LEAST_SUPPORT_PX for frame in frames):
         reason = "nothing moves between the frames, so a moving shaft cannot be told from the rest"
         return ShaftFinder(search, SeedRejection(reason), frames)
     table = pair_table([f.pairs for f in frames], [f.cover for f in frames], MOST_PAIRS)
     if hint is not None:
         motion: Motion | SeedRejection = _hinted(frames, hint, search)
-        warning, things = None, []
+        warning, things, serious = None, [], []
     else:
         things = turning_things(table)
         serious = [thing for thing in things if not thing.rare]
         motion, warning = _motion(serious, table, len(frames), search)
-        if not serious and isinstance(motion, Motion):
-            things = []
-    if not things and isinstance(motion, Motion):
+    if not serious and isinstance(motion, Motion):
         things = [Turning(motion, motion.length_px * motion.frames)]
     found = candidates(
         things, table, [f.pairs for f in frames], scale, search.centre_px, alone=hint is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TypeGuard
 
 import numpy as np
@@ -147,17 +148,18 @@ def fit_edges(
     fitted = _fit_simple(view)
     if fitted is None:
         empty = None if background is None else _pixels(background, camera)
-        scene = _Scene(pixels, camera, lambda: _behind(backdrop, empty, seed if mosaic else None))
-        fitted = _fit_round(scene, view, clean=empty is None)
-        doubt = _doubt(fitted, first)
-        if doubt > LARGEST_END_SIGMA_PX:
-            again = _fit_uncovered(scene, view)
-            if again is not None and _doubt(*again) < doubt:
-                fitted, first = again
+        behind = cache(lambda: _behind(backdrop, empty, seed if mosaic else None))
+        scene = _Scene(pixels, camera, behind)
+        fitted, first = _surest_fit(scene, view, first, clean=empty is None)
     refuse_fit(fitted, first)
     found = shaft_edges(camera, fitted)
-    if not mosaic:
-        return found
+    return _of_mosaic(raw, camera, fitted, found) if mosaic else found
+
+
+def _of_mosaic(
+    raw: NDArray[np.generic], camera: Camera, fitted: FittedEdges, found: ShaftEdges
+) -> ShaftEdges:
+    """Return edges found in an evened mosaic, with what the raw one clipped and a warning."""
     fitted = replace(fitted, saturated_part=clipped_part(raw, found.points_px))
     found = shaft_edges(camera, fitted)
     return replace(found, warnings=(*found.warnings, f"{WARNING}; {ADVICE}"))
@@ -175,6 +177,19 @@ class _Scene:
         """Return what stands behind the shaft, turned like a view; None if unknown."""
         seen = self.behind()
         return None if seen is None else view.turned(seen)
+
+
+def _surest_fit(
+    scene: _Scene, view: ShaftView, seed: Lines, *, clean: bool
+) -> tuple[FittedEdges, Lines]:
+    """Return a shaded shaft's edges and the lines that they were to be near.
+
+    If edges near the seed are refused or uncertain, others may lie where the background begins.
+    """
+    fitted = _fit_round(scene, view, clean=clean)
+    doubt = _doubt(fitted, seed)
+    again = _fit_uncovered(scene, view) if doubt > LARGEST_END_SIGMA_PX else None
+    return again if again is not None and _doubt(*again) < doubt else (fitted, seed)
 
 
 def _fit_uncovered(scene: _Scene, view: ShaftView) -> tuple[FittedEdges, Lines] | None:
