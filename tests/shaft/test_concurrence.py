@@ -104,15 +104,33 @@ def test_all_cameras_that_see_something_wider_are_named():
     assert "20 px wide about (320, 360) in a and 32 px wide" in (found.doubt or "")
 
 
-@pytest.mark.parametrize(("support", "rare"), [(50.0, False), (250.0, True)])
-def test_no_rod_is_the_shaft_where_something_wider_is_hardly_seen(support, rare):
+@pytest.mark.parametrize(("support", "told"), [(50.0, False), (200.0, True)])
+def test_what_is_wider_need_be_less_slender_where_all_cameras_see_more_than_the_rod(support, told):
     rod = seen(ROD_PIVOT, 5.0, thing=0, seed=2)
-    shaft = [replace(one, rare=rare) for one in seen(PIVOT, 10.0, thing=1, seed=1, support=support)]
+    shaft = seen(PIVOT, 12.0, thing=1, seed=1, support=200.0, reach_mm=(20.0, 80.0))
+    lane = seen(PIVOT, 2.0, thing=1, seed=1, support=support)
+    found = concurrence([[rod[0], shaft[0]], [rod[1], lane[1]]], POSES, RIG)
+    assert (found.shaft is None) == told
+    assert ("24 px wide about (320, 360) in a; state" in (found.doubt or "")) == told
+
+
+def test_something_wider_that_is_hardly_seen_is_the_shaft_where_all_cameras_agree_on_it():
+    rod = seen(ROD_PIVOT, 5.0, thing=0, seed=2)
+    shaft = seen(PIVOT, 10.0, thing=1, seed=1, support=50.0)
+    found = concurrence(together(rod, shaft), POSES, RIG)
+    assert found.shaft is not None
+    assert found.shaft.chosen == (shaft[0], shaft[1])
+    assert "the wider is taken" in (found.doubt or "")
+    chance = seen(PIVOT, 10.0, thing=1, seed=1, support=20.0)
+    assert concurrence(together(rod, chance), POSES, RIG).doubt is None
+
+
+def test_no_rod_is_the_shaft_where_all_cameras_see_something_wider_rarely():
+    rod = seen(ROD_PIVOT, 5.0, thing=0, seed=2)
+    shaft = [replace(one, rare=True) for one in seen(PIVOT, 10.0, thing=1, seed=1, support=250.0)]
     found = concurrence(together(rod, shaft), POSES, RIG)
     assert found.shaft is None
     assert "wider that turns too little is seen" in (found.doubt or "")
-    chance = seen(PIVOT, 10.0, thing=1, seed=1, support=20.0)
-    assert concurrence(together(rod, chance), POSES, RIG).doubt is None
     told = concurrence(together(rod, shaft), POSES, RIG, diameter_mm=5.0).shaft
     assert told is not None
     assert told.chosen == (rod[0], rod[1])
@@ -182,6 +200,20 @@ def test_the_carriage_that_holds_the_shaft_is_not_its_silhouette(length_mm, diam
     assert alone.shaft is not None
 
 
+def test_a_stripe_of_the_carriage_is_not_the_silhouette_though_it_is_slender():
+    shaft = seen(PIVOT, 20.0, thing=0, seed=1, reach_mm=(-20.0, 60.0))
+    holder = seen(PIVOT, 40.0, thing=0, seed=1, support=450.0, reach_mm=(62.0, 110.0))
+    stripe = seen(PIVOT, 28.0, thing=0, seed=1, support=450.0, reach_mm=(62.0, 110.0))
+    assert stripe[0].slenderness > 1.6
+    found = concurrence(together(shaft, holder, stripe), POSES, RIG)
+    assert found.shaft is not None
+    assert found.shaft.chosen == (shaft[0], shaft[1])
+    collar = seen(PIVOT, 28.0, thing=0, seed=1, support=450.0, reach_mm=(20.0, 68.0))
+    other = concurrence(together(shaft, holder, collar), POSES, RIG)
+    assert other.shaft is not None
+    assert other.shaft.chosen == (collar[0], collar[1])
+
+
 def test_two_rods_as_wide_are_refused_and_told_apart_by_a_stated_diameter():
     shaft = seen(PIVOT, 10.0, thing=0, seed=1, noise_px=0.2)
     rod = seen(ROD_PIVOT, 12.5, thing=1, seed=2, noise_px=0.2)
@@ -195,6 +227,10 @@ def test_two_rods_as_wide_are_refused_and_told_apart_by_a_stated_diameter():
     both = concurrence(together(shaft, rod), POSES, RIG, diameter_mm=11.2)
     assert both.shaft is None
     assert "may have the stated 11.2 mm" in (both.doubt or "")
+    chance = seen(ROD_PIVOT, 12.5, thing=1, seed=2, noise_px=0.2, support=50.0)
+    least = concurrence(together(shaft, chance), POSES, RIG, diameter_mm=11.2)
+    assert least.shaft is not None
+    assert least.shaft.chosen == (shaft[0], shaft[1])
 
 
 def test_a_rod_that_hardly_has_the_stated_diameter_is_not_taken_where_a_stripe_is_all_else():

@@ -61,13 +61,13 @@ LEAST_RIVAL = 0.1
 the shaft, but edges of clutter and collars that agree by chance."""
 
 FAINT_RIVAL = 0.03
-"""With so little, or seen rarely by all cameras, something wider may be it, so that there is no
-answer. Beside shafts joined to their shadows only thick shafts were such in 150 drawn sessions."""
+"""With so little something clearly wider still is the shaft; where all cameras see it rarely, there
+is no answer. In 390 drawn sessions all such things that were not joined to a shadow were shafts."""
 
 LONG_SLENDERNESS = 6.0
 """What one camera alone sees turn, wider than the shaft, may be it if it is so long in its widths,
-or as well seen as what is seen best. In 150 drawn sessions, half with shadows, no camera saw such a
-thing where the shaft was taken; it did in 4 where something else was."""
+or as well seen as what is seen best; or slender, if the others see something turn besides, too. In
+390 drawn sessions it was so in 7 where a rod was taken, and in one beside a shaft, a carriage."""
 
 MOST_UNEXPLAINED = 0.5
 """In few poses another pair of edges half as long as the shaft's may be the shaft instead."""
@@ -113,6 +113,14 @@ class Together:
     def apart_from(self, other: Together) -> bool:
         """Whether no camera sees both as the same thing."""
         return all(one != another for one, another in zip(self.things, other.things, strict=True))
+
+    def lies_on(self, wider: Together) -> bool:
+        """Whether it is part of something wider: all cameras see it along that, about its pivot."""
+        return (
+            self.things == wider.things
+            and self.diameter_mm < wider.diameter_mm
+            and all(map(_along, self.chosen, wider.chosen))
+        )
 
     @property
     def rare(self) -> bool:
@@ -282,6 +290,17 @@ def _joined(one: Candidate, shaft: Candidate) -> bool:
     return bool(away) and float(np.median(away)) < shaft.width_px / 2 + ON_SHAFT_PX
 
 
+def _along(one: Candidate, other: Candidate) -> bool:
+    """Tell whether most of one's length is usually beside the other, along the other's middle."""
+    parts = []
+    for sample in one.edges_px.keys() & other.edges_px.keys():
+        middle, around = one.edges_px[sample].mean(axis=0), other.edges_px[sample].mean(axis=0)
+        direction = around[1] - around[0]
+        (begin, end), (least, most) = np.sort(middle @ direction), np.sort(around @ direction)
+        parts.append((min(end, most) - max(begin, least)) / (end - begin))
+    return bool(parts) and float(np.median(parts)) > 0.5
+
+
 def _farthest_px(points_px: Floats, edge_px: Floats) -> float:
     """Return how far points (n, 2) lie from the line through an edge's ends (2, 2) at most."""
     along = edge_px[1] - edge_px[0]
@@ -291,21 +310,31 @@ def _farthest_px(points_px: Floats, edge_px: Floats) -> float:
 
 def _seen_by_one(seen: Sequence[Sequence[Candidate]], shaft: Together, rig: Rig) -> list[str]:
     """Describe what is wider than the shaft and turns before one camera, not before all alike."""
+    besides = [
+        _besides(ones, taken, LEAST_SLENDERNESS)
+        for ones, taken in zip(seen, shaft.chosen, strict=True)
+    ]
     named = []
-    for ones, taken, camera in zip(seen, shaft.chosen, rig.cameras, strict=True):
-        best = max(one.support_px for one in ones)
-        wider = [
-            one
-            for one in ones
-            if one.thing != taken.thing
-            and not one.rare
-            and not _joined(one, taken)
-            and one.width_px > WIDER * taken.width_px
-            and one.support_px
-            >= best * (LEAST_RIVAL if one.slenderness > LONG_SLENDERNESS else EQUAL_SUPPORT)
-        ]
+    for ones, taken, others, camera in zip(seen, shaft.chosen, besides, rig.cameras, strict=True):
+        if not all(besides):
+            others = _besides(ones, taken, LONG_SLENDERNESS)
+        wider = [one for one in others if one.width_px > WIDER * taken.width_px]
         named += [f"{one.description} in {camera.name}" for one in wider[:1]]
     return named
+
+
+def _besides(ones: Sequence[Candidate], shaft: Candidate, slenderness: float) -> list[Candidate]:
+    """Return what one camera sees turn besides the shaft, as well as its best or so slender."""
+    best = max(one.support_px for one in ones)
+    return [
+        one
+        for one in ones
+        if one.thing != shaft.thing
+        and not one.rare
+        and not _joined(one, shaft)
+        and one.support_px
+        >= best * (LEAST_RIVAL if one.slenderness > slenderness else EQUAL_SUPPORT)
+    ]
 
 
 def _fitting(
@@ -320,7 +349,8 @@ def _fitting(
         fitting, lambda one: one.score * np.exp(-(one.departure(diameter_mm) ** 2))
     )
     distinct.sort(key=lambda one: one.departure(diameter_mm))
-    shaft, *others = distinct
+    shaft = distinct[0]
+    others = [one for one in distinct[1:] if one.support >= LEAST_RIVAL * shaft.support]
     if others and others[0].departure(diameter_mm) < shaft.departure(diameter_mm) + CLEAR_SIGMAS:
         return Concurrence(
             None,
@@ -339,11 +369,14 @@ def _fitting(
 
 
 def _widest(agreeing: Sequence[Together], rig: Rig) -> Concurrence:
-    """Take the widest thing, unless another is about as wide."""
+    """Take the widest thing, unless another is about as wide; clearly wider it may be faint."""
     least = LEAST_RIVAL * max(one.support for one in agreeing)
     long = [one for one in agreeing if one.support >= least]
     distinct = _distinct(_silhouettes(long), lambda one: one.score)
     distinct.sort(key=lambda one: -one.diameter_mm)
+    faint = _faint(agreeing, distinct[0])
+    if faint is not None:
+        distinct.insert(0, faint)
     if len(distinct) == 1:
         return Concurrence(distinct[0], None)
     shaft, rival = distinct[:2]
@@ -366,10 +399,13 @@ def _distinct(ones: Sequence[Together], value: Callable[[Together], float]) -> l
 def _silhouettes(agreeing: Sequence[Together]) -> list[Together]:
     """Return the widest of each thing's pairs of edges that are seen well: the rest lie inside.
 
-    What turns with a slender shaft and is about as long as wide is the carriage that holds it.
+    What turns with a slender shaft and is about as long as wide is the carriage that holds it, and
+    what lies along that is on it.
     """
-    slender = {one.things for one in agreeing if one.slender}
-    agreeing = [one for one in agreeing if one.slender or one.things not in slender]
+    stout = [one for one in agreeing if not one.slender]
+    slender = [one for one in agreeing if one.slender and not any(map(one.lies_on, stout))]
+    held = {one.things for one in slender}
+    agreeing = slender + [one for one in stout if one.things not in held]
     best: dict[tuple[int, ...], float] = {}
     for one in agreeing:
         best[one.things] = max(best.get(one.things, 0.0), one.score)
