@@ -29,17 +29,24 @@ def seen(
     support=1000.0,
     shift=0,
     reach_mm=(20.0, 120.0),
+    beside_mm=0.0,
+    miss_mm=0.0,
 ):
-    """Return what each camera sees of a cylinder that turns about a point."""
+    """Return what each camera sees of a cylinder that turns about a point, or beside one that does.
+
+    The same seed means the same tilts, misses and noise.
+    """
     rng = np.random.default_rng(seed)
     tilts = rng.uniform(-0.4, 0.4, (12, 2))
+    misses = miss_mm * np.random.default_rng([seed, 1]).normal(size=(12, 3))
     both = []
     for camera, place in zip(RIG.cameras, RIG.reference_from_camera, strict=True):
         camera_from_reference = place.inverse()
         edges = {}
         for k, tilt in enumerate(tilts):
             along = np.array([tilt[0], -1.0, tilt[1]]) / np.hypot(1, np.hypot(*tilt))
-            point = camera_from_reference @ pivot
+            aside = beside_mm * np.array([1.0, tilt[0], 0.0]) / np.hypot(1, tilt[0])
+            point = camera_from_reference @ (pivot + misses[k] + aside)
             turned = camera_from_reference.rotate(along)
             normals = tangent_plane_normals(point, turned, diameter_mm / 2)
             axis = point + np.array(reach_mm)[:, None] * turned
@@ -152,6 +159,8 @@ def test_a_shaft_joined_to_its_shadow_is_no_wider_shaft_that_is_hardly_seen(supp
     moved = [
         replace(one, edges_px={k: e + 45.0 for k, e in one.edges_px.items()}) for one in joined
     ]
+    in_one = concurrence(together(shaft, [joined[0], moved[1]]), POSES, RIG)
+    assert (in_one.doubt is None) == (support < 100)
     apart = concurrence([[shaft[0], moved[0]], [shaft[1]]], POSES, RIG)
     assert (apart.doubt is None) == (support < 100)
 
@@ -212,6 +221,55 @@ def test_a_stripe_of_the_carriage_is_not_the_silhouette_though_it_is_slender():
     other = concurrence(together(shaft, holder, collar), POSES, RIG)
     assert other.shaft is not None
     assert other.shaft.chosen == (collar[0], collar[1])
+
+
+def test_a_rail_beside_the_shaft_is_no_second_shaft():
+    shaft = seen(PIVOT, 10.0, thing=0, seed=1, noise_px=0.2)
+    for thin in (5.0, 9.0):
+        rail = seen(PIVOT, thin, thing=1, seed=1, noise_px=0.2, beside_mm=25.0)
+        found = concurrence(together(shaft, rail), POSES, RIG)
+        assert found.shaft is not None
+        assert found.shaft.chosen == (shaft[0], shaft[1])
+        assert found.doubt is None
+    rod = seen(PIVOT + np.array([25.0, 0.0, 0.0]), 5.0, thing=1, seed=2, noise_px=0.2)
+    assert concurrence(together(shaft, rod), POSES, RIG).doubt is not None
+
+
+def test_where_a_camera_sees_rails_besides_the_shaft_something_wide_in_the_other_need_be_long():
+    shaft = seen(PIVOT, 10.0, thing=0, seed=1)
+    rail = seen(PIVOT, 5.0, thing=1, seed=1, beside_mm=15.0)
+    stout = seen(ROD_PIVOT, 14.0, thing=1, seed=2, support=200.0, reach_mm=(20.0, 80.0))
+    found = concurrence([[shaft[0], rail[0]], [shaft[1], stout[1]]], POSES, RIG)
+    assert found.shaft is not None
+    assert found.doubt is None
+
+
+@pytest.mark.parametrize("support", [500.0, 50.0])
+def test_a_wider_rail_is_not_taken_for_the_shaft_where_that_meets_clearly_better(support):
+    shaft = seen(PIVOT, 10.0, thing=0, seed=1, noise_px=0.2)
+    rail = seen(PIVOT, 16.0, thing=1, seed=1, support=support, beside_mm=30.0, noise_px=0.2)
+    found = concurrence(together(shaft, rail), POSES, RIG)
+    if support < 100:
+        assert found.shaft is not None
+        assert found.shaft.chosen == (shaft[0], shaft[1])
+    else:
+        assert found.shaft is None
+        assert "either may be the shaft" in (found.doubt or "")
+    told = concurrence(together(shaft, rail), POSES, RIG, diameter_mm=10.0).shaft
+    assert told is not None
+    assert told.chosen == (shaft[0], shaft[1])
+
+
+def test_of_two_side_by_side_that_meet_alike_the_wider_is_taken_with_a_warning():
+    kind = {"seed": 1, "noise_px": 0.2, "miss_mm": 3.0}
+    shaft = seen(PIVOT, 16.0, thing=0, **kind)
+    rail = seen(PIVOT, 10.0, thing=1, beside_mm=20.0, **kind)
+    found = concurrence(together(shaft, rail), POSES, RIG)
+    assert found.shaft is not None
+    assert found.shaft.chosen == (shaft[0], shaft[1])
+    assert "the wider is taken" in (found.doubt or "")
+    faint = [replace(one, support_px=200.0) for one in rail]
+    assert concurrence(together(shaft, faint), POSES, RIG).doubt is None
 
 
 def test_two_rods_as_wide_are_refused_and_told_apart_by_a_stated_diameter():

@@ -3,8 +3,9 @@
 Finding it, in one camera's frames (`detection`): what stands still (`background`), lines among the
 edges that do not (`straight`), pairs of them (`pairs`) and what these hide (`occlusion`); what a
 sequence's pairs agree on (`motion`, `shifting`), everything that turns (`candidates`, `rivals`) or
-what a person says does (`hint`), and each frame's seed (`refit`). All cameras then choose together
-(`concurrence`). Whether the cameras themselves stood still is `stillness`.
+what a person says does (`hint`), and each frame's seed (`refit`). How these lie to each other
+(`relations`) and what all cameras agree on (`agreement`) let these choose together (`concurrence`).
+Whether the cameras themselves stood still is `stillness`.
 
 Fitting both edges near a seed (`edges`), from a view of the image (`view`, with `lines` and
 `band_map`) and a first search in it (`search`). The first of these that holds:
