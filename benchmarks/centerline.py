@@ -23,7 +23,7 @@ from pivometer.cameras import Camera, Rig
 from pivometer.geometry import RigidTransform
 from pivometer.measurement import ImportedRig
 from pivometer.shaft.cylinder_fit import fit_cylinders
-from pivometer.shaft.edges import edge_normals
+from pivometer.shaft.silhouette import edge_normals
 from pivometer.shaft.triangulation import lines_from_edge_normals
 from pivometer.simulation.robots import cone_directions
 from pivometer.uncertainty.foresight import Shaft, foreseen_edges

@@ -12,9 +12,9 @@ import argparse
 
 from benchmarks._stress_sessions import StressSession, stress_session
 from benchmarks.detection import HELD_OUT, ROWS
-from pivometer.shaft.background import sampled
 from pivometer.shaft.concurrence import concurrence
 from pivometer.shaft.detection import MOST_SAMPLES, learn_shaft
+from pivometer.shaft.finding.background import sampled
 
 ALIKE = 0.15
 

@@ -127,7 +127,7 @@ class Lines:
 
 def measured(edges: list[list[ForeseenEdges]], rig: Rig) -> Lines:
     """Triangulate the edges of all poses with a rig."""
-    from pivometer.shaft.edges import edge_normals
+    from pivometer.shaft.silhouette import edge_normals
 
     found = [
         triangulate_centerline(

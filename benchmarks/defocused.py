@@ -22,8 +22,8 @@ from scipy.special import ndtr
 
 from pivometer.cameras import Camera
 from pivometer.errors import ShaftNotFoundError
-from pivometer.shaft.detection import ShaftSeed
 from pivometer.shaft.edges import ShaftEdges, fit_edges
+from pivometer.shaft.seed import ShaftSeed
 
 Floats = NDArray[Any]
 

@@ -30,8 +30,8 @@ from benchmarks.shaft_edges.scenes import (
     supersampled_difference,
 )
 from pivometer.errors import ShaftNotFoundError
-from pivometer.shaft.detection import ShaftSeed
 from pivometer.shaft.edges import ShaftEdges, fit_edges
+from pivometer.shaft.seed import ShaftSeed
 
 Floats = NDArray[Any]
 GROSS_PX = 1.5

@@ -29,8 +29,8 @@ from benchmarks.shaft_edges.scenes import (
 from pivometer.cameras import Rig
 from pivometer.geometry import RigidTransform, tangent_plane_normals
 from pivometer.rcm import least_squares_rcm
-from pivometer.shaft.detection import ShaftSeed
 from pivometer.shaft.edges import fit_edges
+from pivometer.shaft.seed import ShaftSeed
 from pivometer.shaft.silhouette import coimage_normal, outward_normals
 from pivometer.shaft.triangulation import triangulate_centerline
 from pivometer.simulation.robots import cone_directions

@@ -33,7 +33,7 @@ from pivometer.calibration.bundle import (
 from pivometer.cameras import Camera
 from pivometer.geometry import RigidTransform, tangent_plane_normals
 from pivometer.rcm import least_squares_rcm
-from pivometer.shaft.edges import edge_normals
+from pivometer.shaft.silhouette import edge_normals
 from pivometer.shaft.triangulation import lines_from_edge_normals
 from pivometer.simulation.boards import Pattern, pair_poses, single_poses
 from pivometer.simulation.presets import gold

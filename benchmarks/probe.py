@@ -25,8 +25,9 @@ from scipy.special import ndtr
 
 from pivometer.cameras import Camera
 from pivometer.errors import ShaftNotFoundError
-from pivometer.shaft.detection import ShaftSeed, find_shaft
+from pivometer.shaft.detection import find_shaft
 from pivometer.shaft.edges import ShaftEdges, fit_edges
+from pivometer.shaft.seed import ShaftSeed
 
 Floats = NDArray[Any]
 Grey = NDArray[np.uint8]

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from benchmarks._stress_sessions import stress_session
-from pivometer.shaft.background import Image
+from pivometer.shaft.finding.background import Image
 from pivometer.shaft.stillness import CameraMovement, Scenery, camera_movement
 
 POSES = 18

@@ -1,12 +1,18 @@
-"""The package docstring that says what each file of the shaft's room is for leaves none out."""
+"""The package docstrings that say what each file of the shaft's rooms is for leave none out."""
 
 import re
 from pathlib import Path
+from types import ModuleType
+
+import pytest
 
 from pivometer import shaft
+from pivometer.shaft import finding, fitting
 
 
-def test_every_file_of_the_shafts_room_is_on_its_map():
-    folder = Path(str(shaft.__file__)).parent
-    files = {file.stem for file in folder.glob("*.py")} - {"__init__"}
-    assert set(re.findall(r"`(\w+)`", shaft.__doc__ or "")) == files
+@pytest.mark.parametrize("room", [shaft, finding, fitting])
+def test_every_file_of_a_room_is_on_its_map(room: ModuleType):
+    folder = Path(str(room.__file__)).parent
+    inside = [file for file in folder.iterdir() if file.suffix == ".py" or file.is_dir()]
+    names = {file.stem for file in inside} - {"__init__", "__pycache__"}
+    assert set(re.findall(r"`(\w+)`", room.__doc__ or "")) == names

@@ -134,7 +134,7 @@ def _location(edges, rig):
 
 
 def _solved(edges, rig):
-    from pivometer.shaft.edges import edge_normals
+    from pivometer.shaft.silhouette import edge_normals
     from pivometer.shaft.triangulation import lines_from_edge_normals
 
     normals = np.stack(

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from benchmarks.probe import CAMERA, compared, frames
 
-from pivometer.shaft.detection import ShaftSeed, find_shaft
+from pivometer.shaft.detection import find_shaft
 from pivometer.shaft.edges import fit_edges
+from pivometer.shaft.seed import ShaftSeed
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from pivometer.pipeline.shaft_checking import (
     with_shaft,
 )
 from pivometer.shaft.edges import ShaftEdges
-from pivometer.shaft.mosaic_edges import ADVICE, WARNING
+from pivometer.shaft.fitting.mosaic_edges import ADVICE, WARNING
 from pivometer.shaft.triangulation import triangulate_centerline
 from pivometer.uncertainty.shaft_bend import ShaftBend
 from pivometer.uncertainty.shaft_check import MoveTest, ShaftDiameter

@@ -7,9 +7,9 @@ import pytest
 
 from pivometer.cameras import Camera, Rig
 from pivometer.geometry import RigidTransform, tangent_plane_normals
-from pivometer.shaft.candidates import Candidate
 from pivometer.shaft.concurrence import concurrence
-from pivometer.shaft.motion import Motion
+from pivometer.shaft.finding.candidates import Candidate
+from pivometer.shaft.finding.motion import Motion
 
 SIZE = (640, 480)
 CAMERAS = [Camera(name, *SIZE, [900, 900], [320, 240], [-0.1, 0.0]) for name in "ab"]

@@ -12,7 +12,8 @@ from pivometer._arrays import Floats
 from pivometer.cameras import Camera
 from pivometer.errors import ShapeError
 from pivometer.geometry import tangent_plane_normals
-from pivometer.shaft.detection import SeedRejection, ShaftSeed, find_shaft, learn_shaft
+from pivometer.shaft.detection import SeedRejection, find_shaft, learn_shaft
+from pivometer.shaft.seed import ShaftSeed
 
 SHARP = 4
 """Supersampling of the drawn scenes; edges are then good to 1/8 px."""

@@ -12,11 +12,12 @@ from pivometer.cameras import Camera, Rig
 from pivometer.errors import ShaftNotFoundError, ShapeError
 from pivometer.geometry import RigidTransform, distances_to_lines, tangent_plane_normals
 from pivometer.shaft.backdrop import backdrop_of
-from pivometer.shaft.band_map import band_map, picked
-from pivometer.shaft.detection import ShaftSeed
-from pivometer.shaft.edges import edge_normals, fit_edges
-from pivometer.shaft.lines import EdgeLine
-from pivometer.shaft.profile import normal_cdf
+from pivometer.shaft.edges import fit_edges
+from pivometer.shaft.fitting.band_map import band_map, picked
+from pivometer.shaft.fitting.lines import EdgeLine
+from pivometer.shaft.fitting.profile import normal_cdf
+from pivometer.shaft.seed import ShaftSeed
+from pivometer.shaft.silhouette import edge_normals
 from pivometer.shaft.triangulation import triangulate_centerline
 
 

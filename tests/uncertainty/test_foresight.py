@@ -7,7 +7,7 @@ from pivometer.cameras import Camera, Rig
 from pivometer.errors import UsageError
 from pivometer.geometry import RigidTransform, tangent_plane_normals
 from pivometer.rcm import solve
-from pivometer.shaft.edges import edge_normals
+from pivometer.shaft.silhouette import edge_normals
 from pivometer.shaft.triangulation import lines_from_edge_normals
 from pivometer.simulation.robots import cone_directions
 from pivometer.uncertainty.foresight import (

@@ -8,7 +8,7 @@ from scipy import stats
 
 from pivometer.errors import ShapeError
 from pivometer.rcm import least_squares_rcm, weighted_rcm
-from pivometer.shaft.edges import edge_normals
+from pivometer.shaft.silhouette import edge_normals
 from pivometer.shaft.triangulation import lines_from_edge_normals
 from pivometer.uncertainty import (
     calibration_displacements,

@@ -25,17 +25,18 @@ from pivometer.measurement import ImportedRig, Measurement
 from pivometer.pipeline.measuring import measure_edges
 from pivometer.pipeline.reading import ReadImage, read
 from pivometer.pipeline.shafts import Backdrop, empty_frame, fitted_at
-from pivometer.shaft.background import sampled
 from pivometer.shaft.concurrence import agreed_finders
 from pivometer.shaft.detection import (
     LEAST_FRAMES,
     MOST_SAMPLES,
     SeedRejection,
     ShaftFinder,
-    ShaftSeed,
     learn_shaft,
 )
-from pivometer.shaft.edges import ShaftEdges, edge_normals
+from pivometer.shaft.edges import ShaftEdges
+from pivometer.shaft.finding.background import sampled
+from pivometer.shaft.seed import ShaftSeed
+from pivometer.shaft.silhouette import edge_normals
 from pivometer.shaft.triangulation import triangulate_centerline
 
 RELEARN = 1.5

@@ -11,7 +11,7 @@ from pivometer.pipeline.reading import Progress, ReadImage, streamed
 from pivometer.report.embedding import Key
 from pivometer.report.thumbnails import Thumbnail, make_thumbnail
 from pivometer.shaft.across import EdgeProfiles, profiles_across
-from pivometer.shaft.background import sampled
+from pivometer.shaft.finding.background import sampled
 
 MOST_PICTURES = 300
 """Pictures of each camera in a report; a video has thousands of frames."""

@@ -19,7 +19,7 @@ from pivometer.measurement import ImportedRig, Measurement
 from pivometer.pipeline.reading import Progress, ReadImage, in_threads
 from pivometer.rcm import Finding
 from pivometer.shaft.edges import ShaftEdges
-from pivometer.shaft.response import SHIFT_BLURS
+from pivometer.shaft.fitting.response import SHIFT_BLURS
 
 MOST_VIEWS = 12
 """Views of each camera that are looked at: enough to know κ to 0.01, of JPEG files to 0.03."""

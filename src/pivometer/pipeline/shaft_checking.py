@@ -22,7 +22,7 @@ from pivometer.measurement import (
 from pivometer.pipeline.responding import moved_outward_px
 from pivometer.rcm import Finding
 from pivometer.shaft.edges import ShaftEdges
-from pivometer.shaft.mosaic_edges import ADVICE, WARNING
+from pivometer.shaft.fitting.mosaic_edges import ADVICE, WARNING
 from pivometer.shaft.triangulation import Centerline
 from pivometer.uncertainty.shaft_bend import shaft_bend
 from pivometer.uncertainty.shaft_check import LEAST_POSES, ShaftCheck, check_shaft

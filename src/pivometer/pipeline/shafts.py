@@ -27,17 +27,12 @@ from pivometer.pipeline.reading import (
     usable,
 )
 from pivometer.shaft.backdrop import backdrop_of
-from pivometer.shaft.background import sampled
 from pivometer.shaft.concurrence import agreed_finders
-from pivometer.shaft.detection import (
-    MOST_SAMPLES,
-    SeedRejection,
-    ShaftFinder,
-    ShaftSeed,
-    learn_shaft,
-)
+from pivometer.shaft.detection import MOST_SAMPLES, SeedRejection, ShaftFinder, learn_shaft
 from pivometer.shaft.edges import ShaftEdges, fit_edges
+from pivometer.shaft.finding.background import sampled
 from pivometer.shaft.hint import ShaftHint
+from pivometer.shaft.seed import ShaftSeed
 from pivometer.shaft.stillness import CameraMovement, Scenery, camera_movement
 
 KEPT_BYTES = 64_000_000

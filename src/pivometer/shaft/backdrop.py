@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-from pivometer.shaft.background import Image, layered_median
+from pivometer.shaft.finding.background import Image, layered_median
 
 BESIDE_PX = 4.0
 """The shaft may reach so far beyond its seed, which is good to 2 px, and blur."""

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pivometer.cameras import Rig
-from pivometer.shaft.agreement import LEAST_SLENDERNESS, Together, agreeing
-from pivometer.shaft.candidates import Candidate
 from pivometer.shaft.detection import TRUSTED_MEDIAN, ShaftFinder
-from pivometer.shaft.relations import alongside, joined
-from pivometer.shaft.rivals import EQUAL_SUPPORT, WIDER
+from pivometer.shaft.finding.agreement import LEAST_SLENDERNESS, Together, agreeing
+from pivometer.shaft.finding.candidates import Candidate
+from pivometer.shaft.finding.relations import alongside, joined
+from pivometer.shaft.finding.rivals import EQUAL_SUPPORT, WIDER
 
 MOST_SIGMAS = 3.0
 CLEAR_SIGMAS = 1.5

@@ -14,8 +14,8 @@ from itertools import starmap, zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
-from pivometer._arrays import Floats, checked, read_only
-from pivometer.shaft.background import (
+from pivometer._arrays import Floats
+from pivometer.shaft.finding.background import (
     SAMPLED_FRAMES,
     Image,
     MovingEdges,
@@ -31,9 +31,8 @@ from pivometer.shaft.background import (
     unknown_scene,
     working_scale,
 )
-from pivometer.shaft.candidates import Candidate, candidates, told_apart
-from pivometer.shaft.hint import ShaftHint
-from pivometer.shaft.motion import (
+from pivometer.shaft.finding.candidates import Candidate, candidates, told_apart
+from pivometer.shaft.finding.motion import (
     MOST_PAIRS,
     Motion,
     PairTable,
@@ -41,12 +40,20 @@ from pivometer.shaft.motion import (
     hinted_motion,
     pair_table,
 )
-from pivometer.shaft.occlusion import cover
-from pivometer.shaft.pairs import EdgePair, edge_pairs
-from pivometer.shaft.refit import refitted_edges
-from pivometer.shaft.rivals import SERIOUS_SHARE, Turning, turning_things, widest
-from pivometer.shaft.shifting import shifting_motion
-from pivometer.shaft.straight import LEAST_SUPPORT_PX, EdgeLine, Passing, edge_lines, other_lines
+from pivometer.shaft.finding.occlusion import cover
+from pivometer.shaft.finding.pairs import EdgePair, edge_pairs
+from pivometer.shaft.finding.refit import refitted_edges
+from pivometer.shaft.finding.rivals import SERIOUS_SHARE, Turning, turning_things, widest
+from pivometer.shaft.finding.shifting import shifting_motion
+from pivometer.shaft.finding.straight import (
+    LEAST_SUPPORT_PX,
+    EdgeLine,
+    Passing,
+    edge_lines,
+    other_lines,
+)
+from pivometer.shaft.hint import ShaftHint
+from pivometer.shaft.seed import ShaftSeed
 
 TRUSTED_MEDIAN = 6
 """From this many frames on the median grey level tells what a pair of edges hides; with fewer, the
@@ -72,30 +79,6 @@ rest."""
 
 ENOUGH_LENGTH = 0.9
 """A pair as long as this against that median makes a second search unnecessary."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ShaftSeed:
-    """Where a shaft's two silhouette edges roughly are in one image.
-
-    Parameters
-    ----------
-    edges_px
-        Two edges, each with two end points (x, y), shape (2, 2, 2), raw pixels, good to about
-        2 px. The end points of both edges run the same way along the shaft.
-
-    Examples
-    --------
-    >>> seed = ShaftSeed([[[10, 0], [10, 90]], [[20, 0], [20, 90]]])
-    >>> seed.edges_px[0, 1]
-    array([10., 90.])
-    """
-
-    edges_px: Floats
-
-    def __post_init__(self) -> None:
-        edges = read_only(checked(self.edges_px, (2, 2, 2), "edges_px"))
-        object.__setattr__(self, "edges_px", edges)
 
 
 @dataclass(frozen=True, slots=True)

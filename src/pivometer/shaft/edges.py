@@ -15,77 +15,32 @@ from pivometer.cameras.model import Camera
 from pivometer.cameras.mosaic import is_mosaic, luminance
 from pivometer.errors import ShaftNotFoundError, ShapeError
 from pivometer.shaft.backdrop import filled
-from pivometer.shaft.banded import fit_banded
-from pivometer.shaft.defocused import fit_defocused
-from pivometer.shaft.detection import ShaftSeed
-from pivometer.shaft.evidence import LARGE_BLUR_PX
-from pivometer.shaft.fitted import FittedEdges, ShaftEdges, shaft_edges
+from pivometer.shaft.fitting.banded import fit_banded
+from pivometer.shaft.fitting.defocused import fit_defocused
+from pivometer.shaft.fitting.evidence import LARGE_BLUR_PX
+from pivometer.shaft.fitting.fitted import FittedEdges, ShaftEdges, shaft_edges
+from pivometer.shaft.fitting.ladder import CLEAN_PART, fit_ladder
+from pivometer.shaft.fitting.lanes import with_lanes
+from pivometer.shaft.fitting.lines import Lines, edge_lines, width_px
+from pivometer.shaft.fitting.mosaic_edges import ADVICE, WARNING, clipped_part, evened_beside
+from pivometer.shaft.fitting.plain import fit_plain
+from pivometer.shaft.fitting.refusals import refuse_fit, refuse_outside, refuse_width, strays
+from pivometer.shaft.fitting.search import found_lines
+from pivometer.shaft.fitting.shaded import FIRST_BLUR_PX, fit_shaded
+from pivometer.shaft.fitting.texture import with_texture
+from pivometer.shaft.fitting.thin import fit_thin
+from pivometer.shaft.fitting.uncovered import uncovered_lines
+from pivometer.shaft.fitting.view import ShaftView
 from pivometer.shaft.gate import LARGEST_END_SIGMA_PX
-from pivometer.shaft.ladder import CLEAN_PART, fit_ladder
-from pivometer.shaft.lanes import with_lanes
-from pivometer.shaft.lines import Lines, edge_lines, width_px
-from pivometer.shaft.mosaic_edges import ADVICE, WARNING, clipped_part, evened_beside
-from pivometer.shaft.plain import fit_plain
-from pivometer.shaft.refusals import refuse_fit, refuse_outside, refuse_width, strays
-from pivometer.shaft.search import found_lines
-from pivometer.shaft.shaded import FIRST_BLUR_PX, fit_shaded
-from pivometer.shaft.silhouette import coimage_normal, normalized_line, outward_normals
-from pivometer.shaft.texture import with_texture
-from pivometer.shaft.thin import fit_thin
-from pivometer.shaft.uncovered import uncovered_lines
-from pivometer.shaft.view import ShaftView
+from pivometer.shaft.seed import ShaftSeed
 
-__all__ = ["ShaftEdges", "edge_normals", "fit_edges"]
+__all__ = ["ShaftEdges", "fit_edges"]
 
 THIN_PX = 16.0
 """Narrower shafts are fitted with both edges in one model; `plain` needs 15 px at usual blur."""
 
 SEARCH_ROWS = 60
 """Rows that the first search looks at: evenly spread, enough for votes of one in four."""
-
-
-def edge_normals(points_px: ArrayLike, camera: Camera) -> Floats:
-    """Return the coimage normals of two edges from raw points on them, (22) and (6).
-
-    Points of `ShaftEdges` give its normals back, and with another camera those that the same
-    image would have given: so the calibration's uncertainty is carried through.
-
-    Parameters
-    ----------
-    points_px
-        Points on both edges, shape (..., 2, m, 2), raw px, in the same order along the shaft.
-    camera
-        The camera, which undoes the distortion.
-
-    Returns
-    -------
-    numpy.ndarray
-        Unit normals, shape (..., 2, 3), pointing away from the shaft, camera frame.
-
-    Raises
-    ------
-    ShapeError
-        If the shape differs, or all points of an edge are one.
-
-    References
-    ----------
-    Wilson et al., eqs. (18), (22) and (6).
-
-    Examples
-    --------
-    >>> camera = Camera("left", 640, 480, [1000, 1000], [320, 240], [0, 0])
-    >>> edge_normals([[[310, 0], [310, 400]], [[330, 0], [330, 400]]], camera).round(3) + 0.0
-    array([[-1.  ,  0.  , -0.01],
-           [ 1.  ,  0.  , -0.01]])
-    """
-    points = camera.undistorted_pixels(checked(points_px, (-1, 2, None, 2), "points_px"))
-    middle = points.mean(axis=-2)
-    apart = points - middle[..., None, :]
-    scatter = np.swapaxes(apart, -1, -2) @ apart
-    direction = np.linalg.eigh(scatter)[1][..., 1]
-    a, b = normalized_line(direction, middle, camera.calibration_matrix)
-    inside = np.concatenate([b.mean(axis=-2), np.ones_like(b[..., 0, :1])], axis=-1)
-    return outward_normals(coimage_normal(a, b), inside)
 
 
 def fit_edges(

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pivometer._arrays import Floats, checked
+from pivometer.cameras.model import Camera
 from pivometer.errors import DegenerateGeometryError
 from pivometer.geometry.line import cross, unit
 
@@ -197,3 +198,47 @@ def _distinct(normals: ArrayLike) -> Floats:
             next_step="check that two different edges were found, or move the camera closer",
         )
     return planes
+
+
+def edge_normals(points_px: ArrayLike, camera: Camera) -> Floats:
+    """Return the coimage normals of two edges from raw points on them, (22) and (6).
+
+    Points of `ShaftEdges` give its normals back, and with another camera those that the same
+    image would have given: so the calibration's uncertainty is carried through.
+
+    Parameters
+    ----------
+    points_px
+        Points on both edges, shape (..., 2, m, 2), raw px, in the same order along the shaft.
+    camera
+        The camera, which undoes the distortion.
+
+    Returns
+    -------
+    numpy.ndarray
+        Unit normals, shape (..., 2, 3), pointing away from the shaft, camera frame.
+
+    Raises
+    ------
+    ShapeError
+        If the shape differs, or all points of an edge are one.
+
+    References
+    ----------
+    Wilson et al., eqs. (18), (22) and (6).
+
+    Examples
+    --------
+    >>> camera = Camera("left", 640, 480, [1000, 1000], [320, 240], [0, 0])
+    >>> edge_normals([[[310, 0], [310, 400]], [[330, 0], [330, 400]]], camera).round(3) + 0.0
+    array([[-1.  ,  0.  , -0.01],
+           [ 1.  ,  0.  , -0.01]])
+    """
+    points = camera.undistorted_pixels(checked(points_px, (-1, 2, None, 2), "points_px"))
+    middle = points.mean(axis=-2)
+    apart = points - middle[..., None, :]
+    scatter = np.swapaxes(apart, -1, -2) @ apart
+    direction = np.linalg.eigh(scatter)[1][..., 1]
+    a, b = normalized_line(direction, middle, camera.calibration_matrix)
+    inside = np.concatenate([b.mean(axis=-2), np.ones_like(b[..., 0, :1])], axis=-1)
+    return outward_normals(coimage_normal(a, b), inside)

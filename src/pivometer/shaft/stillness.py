@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
 from pivometer.cameras.mosaic import is_mosaic
-from pivometer.shaft.background import Image, averaged, shrinking
+from pivometer.shaft.finding.background import Image, averaged, shrinking
 
 SHRINKINGS = (8, 3, 1)
 """Copies are compared from small to large: a shift shows in one if it is under two of its blurs."""

@@ -16,7 +16,7 @@ from pivometer.errors import ShapeError
 from pivometer.geometry.rigid import RigidTransform
 from pivometer.rcm.least_squares import least_squares_rcm
 from pivometer.rcm.result import LeastSquaresRcm
-from pivometer.shaft.edges import edge_normals
+from pivometer.shaft.silhouette import edge_normals
 from pivometer.shaft.triangulation import lines_from_edge_normals
 
 POINTS_AN_EDGE = 16

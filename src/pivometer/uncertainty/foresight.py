@@ -14,7 +14,7 @@ from pivometer.errors import UsageError
 from pivometer.geometry import RigidTransform, tangent_plane_normals
 from pivometer.rcm.least_squares import least_squares_rcm
 from pivometer.rcm.minimax import minimax_rcm
-from pivometer.shaft.edges import edge_normals
+from pivometer.shaft.silhouette import edge_normals
 from pivometer.shaft.triangulation import Centerline, triangulate_centerline
 from pivometer.uncertainty.coverage import (
     COVERAGE,

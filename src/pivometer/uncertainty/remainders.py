@@ -17,7 +17,7 @@ from pivometer._arrays import Floats, checked
 from pivometer.cameras.rig import Rig
 from pivometer.errors import ShapeError
 from pivometer.shaft.cylinder_fit import CylinderFits, fit_cylinders
-from pivometer.shaft.edges import edge_normals
+from pivometer.shaft.silhouette import edge_normals
 from pivometer.uncertainty.carried_edges import EdgePoints
 from pivometer.uncertainty.propagation import square_root
 from pivometer.uncertainty.shading import SHADING_PX, shifted_outward
