@@ -39,6 +39,7 @@ def test_the_layers_hold_in_a_copy(copy):
         ("geometry/line.py", "import pivometer.cameras"),
         ("rcm/least_squares.py", "import rich"),
         ("report/html.py", "import pivometer.io"),
+        ("shaft/fitting/plain.py", "import pivometer.shaft.finding.motion"),
         ("pipeline/measuring.py", "import pivometer.app"),
         ("app/work.py", "import pivometer.cli"),
     ],
