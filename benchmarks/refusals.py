@@ -32,7 +32,7 @@ from pivometer.io.session import ImageFile, Session, load
 from pivometer.measurement import ImportedRig, Measurement
 from pivometer.pipeline import foreseen_calibration, measure, simulate, two_cameras
 from pivometer.pipeline.measuring import measure_edges
-from pivometer.shaft.fitting.fitted import ShaftEdges
+from pivometer.shaft.fitting.stated import ShaftEdges
 from pivometer.shaft.silhouette import edge_normals
 from pivometer.simulation.presets import preset_named
 from pivometer.simulation.robots import (

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pivometer.shaft.fitting.fitted import ShaftEdges
+from pivometer.shaft.fitting.stated import ShaftEdges
 from pivometer.shaft.gate import CAMERAS_TOLERANCE, diameter_faults, uncertain_end
 
 

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from pivometer._arrays import Floats, read_only
 from pivometer.cameras.model import Camera
-from pivometer.shaft.fitting.fitted import ShaftEdges
 from pivometer.shaft.fitting.lines import edge_lines, width_px
+from pivometer.shaft.fitting.stated import ShaftEdges
 
 REACH_PX = 8.0
 STEP_PX = 0.75

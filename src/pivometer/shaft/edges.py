@@ -18,7 +18,7 @@ from pivometer.shaft.backdrop import filled
 from pivometer.shaft.fitting.banded import fit_banded
 from pivometer.shaft.fitting.defocused import fit_defocused
 from pivometer.shaft.fitting.evidence import LARGE_BLUR_PX
-from pivometer.shaft.fitting.fitted import FittedEdges, ShaftEdges, shaft_edges
+from pivometer.shaft.fitting.fitted import FittedEdges
 from pivometer.shaft.fitting.ladder import CLEAN_PART, fit_ladder
 from pivometer.shaft.fitting.lanes import with_lanes
 from pivometer.shaft.fitting.lines import Lines, edge_lines, width_px
@@ -27,6 +27,7 @@ from pivometer.shaft.fitting.plain import fit_plain
 from pivometer.shaft.fitting.refusals import refuse_fit, refuse_outside, refuse_width, strays
 from pivometer.shaft.fitting.search import found_lines
 from pivometer.shaft.fitting.shaded import FIRST_BLUR_PX, fit_shaded
+from pivometer.shaft.fitting.stated import ShaftEdges, shaft_edges
 from pivometer.shaft.fitting.texture import with_texture
 from pivometer.shaft.fitting.thin import fit_thin
 from pivometer.shaft.fitting.uncovered import uncovered_lines

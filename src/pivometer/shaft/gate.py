@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pivometer._arrays import Floats
-from pivometer.shaft.fitting.fitted import ShaftEdges
+from pivometer.shaft.fitting.stated import ShaftEdges
 
 LARGEST_END_SIGMA_PX = 0.3
 """At usual blur: 1 in 10 edges known to no better at an end is half a pixel off there."""

@@ -10,6 +10,6 @@ it. The first of these that holds:
 - a guarded fit whose background is free in every row: `shaded` (`bands`, `profile`, `weights`).
 
 What stands behind gives a better start (`uncovered`), a second opinion (`lanes`, `texture`) and a
-test (`beside`). Every fit gives one result (`fitted`) with its `evidence` and what a sensor's
-`response` adds, or is refused (`refusals`); `mosaic_edges` evens colour filters.
+test (`beside`). Every fit gives one result (`fitted`) with what a sensor's `response` adds; it is
+refused (`refusals`), or `stated` with its `evidence`. `mosaic_edges` evens colour filters.
 """

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pivometer._arrays import Floats
-
-if TYPE_CHECKING:
-    from pivometer.shaft.fitting.fitted import FittedEdges
+from pivometer.shaft.fitting.fitted import FittedEdges
 
 DEVIATIONS = 16
 """Sections of an edge whose own offsets are stated."""
