@@ -144,7 +144,7 @@ def test_no_rod_is_the_shaft_where_all_cameras_see_something_wider_rarely():
 
 
 @pytest.mark.parametrize("support", [50.0, 500.0])
-def test_a_shaft_joined_to_its_shadow_is_no_wider_shaft_that_is_hardly_seen(support):
+def test_a_shaft_joined_to_its_shadow_is_no_wider_shaft(support):
     shaft = seen(PIVOT, 10.0, thing=0, seed=1)
     joined = []
     for one in shaft:
@@ -154,7 +154,9 @@ def test_a_shaft_joined_to_its_shadow_is_no_wider_shaft_that_is_hardly_seen(supp
         )
     both = concurrence(together(shaft, joined), POSES, RIG)
     alone = concurrence([[shaft[0], joined[0]], [shaft[1]]], POSES, RIG)
-    assert (both.doubt is None) == (support < 100)  # well seen it is a rival like any other
+    assert both.shaft is not None
+    assert both.shaft.chosen == (shaft[0], shaft[1])
+    assert ("the wider is taken for a shadow" in (both.doubt or "")) == (support > 100)
     assert alone.doubt is None
     moved = [
         replace(one, edges_px={k: e + 45.0 for k, e in one.edges_px.items()}) for one in joined
@@ -163,6 +165,18 @@ def test_a_shaft_joined_to_its_shadow_is_no_wider_shaft_that_is_hardly_seen(supp
     assert (in_one.doubt is None) == (support < 100)
     apart = concurrence([[shaft[0], moved[0]], [shaft[1]]], POSES, RIG)
     assert (apart.doubt is None) == (support < 100)
+
+
+def test_a_lane_at_the_edge_of_the_shaft_is_not_the_shaft_beside_its_shadow():
+    shaft = seen(PIVOT, 10.0, thing=0, seed=1)
+    lane = []
+    for one in shaft:
+        inside = {k: np.stack([a, a + 0.5 * (b - a)]) for k, (a, b) in one.edges_px.items()}
+        width = 0.5 * one.width_px
+        lane.append(replace(one, edges_px=inside, width_px=width, thing=1, support_px=500.0))
+    found = concurrence(together(shaft, lane), POSES, RIG)
+    assert found.shaft is not None
+    assert found.shaft.chosen == (shaft[0], shaft[1])
 
 
 def test_what_few_pictures_show_counts_where_another_camera_sees_it_in_most():

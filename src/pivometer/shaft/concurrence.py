@@ -245,11 +245,16 @@ def _widest(agreed: Sequence[Together], rig: Rig) -> Concurrence:
     long = [one for one in agreed if one.support >= least]
     distinct = _distinct(_silhouettes(long), lambda one: one.score)
     distinct.sort(key=lambda one: -one.diameter_mm)
+    shadows = [one for one in distinct if any(map(one.shadows, distinct))]
+    distinct = [one for one in distinct if one not in shadows]
     faint = _faint(agreed, distinct[0])
     shaft, *others = distinct if faint is None else [faint, *distinct]
     rivals = [one for one in others if not _is_rail(one, shaft)]
-    if not rivals:
+    if not rivals and not shadows:
         return Concurrence(shaft, None)
+    if not rivals:
+        both = f"{shaft.described(rig)} and {shadows[0].described(rig)}"
+        return Concurrence(shaft, f"two things turn, and the wider is taken for a shadow: {both}")
     like = [one for one in rivals if _may_be_instead(one, shaft)]
     both = f"{shaft.described(rig)} and {(like or rivals)[0].described(rig)}"
     if like:

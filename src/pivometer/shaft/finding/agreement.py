@@ -103,6 +103,15 @@ class Together:
         """Whether a camera sees an edge of it on something else, as of a shaft and its shadow."""
         return any(map(joined, self.chosen, shaft.chosen))
 
+    def shadows(self, other: Together) -> bool:
+        """Whether it is rather something better seen that is joined to its shadow."""
+        return (
+            self.apart_from(other)
+            and self.joined_to(other)
+            and self.diameter_mm > other.diameter_mm
+            and self.support < other.support
+        )
+
     def alongside(self, other: Together) -> bool:
         """Whether all cameras see it turn side by side with something else."""
         return self.apart_from(other) and all(map(alongside, self.chosen, other.chosen))
