@@ -201,7 +201,7 @@ def scale_finding(measurement: Measurement) -> Finding | None:
         f"off by as much, and square_mm would have to be {board.square_mm / (1 + off):.3f} instead "
         f"of {board.square_mm:g}",
         "measure a square of the board over its whole width, and the shaft's diameter, with a "
-        "caliper",
+        "caliper; if both are as stated, look at the overlays: something else was measured",
     )
 
 
