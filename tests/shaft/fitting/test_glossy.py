@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from pivometer.shaft.fitting import glossy
-from pivometer.shaft.fitting.glossy import LEVELS, Profile, fit_glossy
+from pivometer.shaft.fitting.glossy import Found, fit_glossy, followed
+from pivometer.shaft.fitting.glossy_model import LEVELS, Model, Profile, angles, rough
 from pivometer.shaft.fitting.rim import rim
 from pivometer.shaft.fitting.rungs import Blur
 
@@ -72,8 +72,7 @@ def profile_of(shading, noise, rng):
 def test_derivatives_by_all_parameters(half):
     profile = profile_of(oblique_metal, 0.0, np.random.default_rng(0))
     root = np.sqrt(profile.count) / 2
-    rough = 5 * glossy._rough(90)
-    model = glossy._Model(profile, Blur(), root, glossy._angles(90), rough, lamp=bool(half))
+    model = Model(profile, Blur(), root, angles(90), 5 * rough(90), lamp=bool(half))
     at = np.array([0.1, -0.03, -0.05, 0.04, 0.9, 0.7, -1.2, 0.05, *half])
 
     def terms(parameters):
@@ -139,12 +138,12 @@ def test_what_a_mirroring_rim_moves_is_told():
 
     profiles = [profile_of(f, 0.0, np.random.default_rng(0)) for f in (plain, mirroring)]
     root = np.sqrt(profiles[0].count) / 2
-    model = glossy._Model(profiles[0], Blur(), root, glossy._angles(90), 5 * glossy._rough(90))
+    model = Model(profiles[0], Blur(), root, angles(90), 5 * rough(90))
     start = np.array([*TRUTH, 0.9, np.log(0.3 / np.sqrt(2)), 0.0])
-    still = model.followed(model.started(start), 30)
+    still = followed(model, Found.first(model, start), 30)
     other = replace(model, profile=profiles[1])
-    moved = other.followed(other.started(still.parameters), 30)
-    told = model.moved_by_rim(still)
+    moved = followed(other, Found.first(other, still.parameters), 30)
+    told = model.moved_by_rim(still.parameters, still.system)
     assert np.abs(told[[0, 2]]).min() > 0.02
     difference = (moved.parameters - still.parameters)[:5] / share
     np.testing.assert_allclose(difference, told[:5], atol=0.1 * np.abs(told[:5]).max())

@@ -5,7 +5,7 @@ it. The first of these that holds:
 
 - grey levels are flat: `plain` (on the sums of a `strip`), `thin`; or jump along it: `banded`;
 - they are shaded: `ladder`, in the widest window (`rungs`, on `samples`) that fits (`choice`), or
-  over the whole width (`matt`; `whole_width` with `glossy` and `rim`);
+  over the whole width (`matt`; `whole_width` with `glossy`, `glossy_model` and `rim`);
 - both edges' blurs meet: `defocused`;
 - a guarded fit whose background is free in every row: `shaded` (`bands`, `profile`, `weights`).
 

@@ -6,7 +6,8 @@ import numpy as np
 
 from pivometer._arrays import Floats
 from pivometer.shaft.fitting.evidence import saturated_part
-from pivometer.shaft.fitting.glossy import Glossy, Profile, fit_glossy
+from pivometer.shaft.fitting.glossy import Glossy, fit_glossy
+from pivometer.shaft.fitting.glossy_model import Profile
 from pivometer.shaft.fitting.lines import tapers_px, width_px
 from pivometer.shaft.fitting.rungs import Blur
 from pivometer.shaft.fitting.strip import Strip, strip
