@@ -157,6 +157,8 @@ class Things:
         Of the trocar.
     has_rod
         Whether the other rod is there.
+    rail
+        Radius of a rail of the carriage, and how far beside the shaft it lies, mm; if it has one.
     """
 
     pivot: Floats
@@ -173,6 +175,7 @@ class Things:
     greys: tuple[Shade, Shade]
     tube_grey: float
     has_rod: bool
+    rail: tuple[float, float] | None
 
     def axis(self, pose: int) -> tuple[Floats, Floats]:
         """Return a point of the shaft's axis and its direction."""
@@ -191,6 +194,11 @@ class Things:
         """Draw the shaft with its collar and its carriage."""
         at, along = self.axis(pose)
         radius, end = self.radius, float(self.ends[pose])
+        if self.rail is not None:
+            side = np.cross(along, [0.0, 0.0, 1.0])
+            beside = at + self.rail[1] * side / np.linalg.norm(side)
+            reach = (0.3 * self.reach, 1.4 * self.reach)
+            view.paint(image, beside, along, self.rail[0], reach, lambda a, _: 150 - 60 * a * a)
         view.paint(image, at, along, radius, (float(self.begins[pose]), end), self.greys[0])
         collar = (0.45 * self.reach, 0.45 * self.reach + 2 * radius)
         view.paint(image, at, along, 1.3 * radius, collar, lambda a, _: 90 + 40 * a)
@@ -216,9 +224,15 @@ def _carriage_shade(across: Floats, _: Floats) -> Floats:
 
 
 def things(
-    seed: int, rng: np.random.Generator, count: int, rod: tuple[float, float] | None
+    seed: int,
+    rng: np.random.Generator,
+    count: int,
+    rod: tuple[float, float] | None,
+    rail: bool,
 ) -> Things:
     """Draw what is in the room."""
+    rails = np.random.default_rng([seed, 5])
+    rail_part, rail_aside = rails.uniform(1.3, 3.0), rails.choice([-1, 1]) * rails.uniform(20, 50)
     diameter = float(np.exp(rng.uniform(np.log(9), np.log(60)))) / MM
     pivot = np.array([rng.uniform(-45, 45), rng.uniform(54, 103), rng.uniform(-20, 20)])
     pivot[2] += DISTANCE_MM
@@ -246,11 +260,17 @@ def things(
         greys=greys,
         tube_grey=float(rng.choice([40, 120, 200])),
         has_rod=has_rod,
+        rail=(rail_part * diameter / 2, rail_aside) if rail else None,
     )
 
 
 def stress_session(
-    seed: int, *, count: int, hard: bool = False, rod: tuple[float, float] | None = None
+    seed: int,
+    *,
+    count: int,
+    hard: bool = False,
+    rod: tuple[float, float] | None = None,
+    rail: bool = False,
 ) -> StressSession:
     """Draw one session; everything in it follows from the seed.
 
@@ -265,10 +285,12 @@ def stress_session(
     rod
         Range of a second rod's diameter in shaft diameters; 0.35 to 0.7 in half of the sessions
         where none is given.
+    rail
+        With a rail of the carriage, 1.3 to 3 times as wide as the shaft and 20 to 50 mm beside it.
     """
     rng = np.random.default_rng([seed, 78])
     seen = views(rng)
-    here = things(seed, rng, count, rod)
+    here = things(seed, rng, count, rod, rail)
     frames: dict[str, list[Image]] = {}
     empty, edges = {}, {}
     for view in seen:

@@ -42,6 +42,7 @@ ROWS: dict[str, dict[str, Any]] = {
     "36 poses, one empty frame": {"count": 36, "empty": True},
     "12 poses": {"count": 12},
     "36 poses, shadows and flicker": {"count": 36, "hard": True},
+    "36 poses, a wider rail beside": {"count": 36, "rail": True},
     "36 poses, a rod about as wide": {"count": 36, "rod": AS_WIDE},
     "... with the diameter stated": {"count": 36, "rod": AS_WIDE, "stated": True},
     "4 poses, a rod about as wide": {"count": 4, "rod": AS_WIDE},

@@ -7,7 +7,7 @@ may be it as well there is no answer.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,8 +16,9 @@ from pivometer.cameras import Rig
 from pivometer.shaft.detection import TRUSTED_MEDIAN, ShaftFinder
 from pivometer.shaft.finding.agreement import LEAST_SLENDERNESS, Together, agreeing
 from pivometer.shaft.finding.candidates import Candidate
-from pivometer.shaft.finding.relations import alongside, joined
+from pivometer.shaft.finding.relations import joined
 from pivometer.shaft.finding.rivals import EQUAL_SUPPORT, WIDER
+from pivometer.shaft.finding.side_by_side import alongside, is_rail_of, pivots_rather
 
 MOST_SIGMAS = 3.0
 CLEAR_SIGMAS = 1.5
@@ -40,6 +41,10 @@ LONG_SLENDERNESS = 6.0
 """What one camera alone sees turn, wider than the shaft, may be it if it is so long in its widths,
 or as well seen as what is seen best; or slender, if the others see something turn besides, too. In
 390 drawn sessions it was so in 7 where a rod was taken, and in one beside a shaft, a carriage."""
+
+LEANS_SIGMAS = 1.5
+"""What is narrower and turns beside the shaft may be it if it pivots rather by so much. No rail that
+shows a tenth of the edges did by over 0.8 in 630 drawn sessions."""
 
 MOST_UNEXPLAINED = 0.5
 """In few poses another pair of edges half as long as the shaft's may be the shaft instead."""
@@ -117,7 +122,9 @@ def concurrence(
     diameter_mm
         The shaft's stated diameter, if known.
     """
-    agreed = agreeing(seen, poses, rig)
+    every = agreeing(seen, poses, rig)
+    rails = _rails(every)
+    agreed = [one for one in every if one.things not in rails]
     often = [one for one in agreed if not one.rare]
     if not often:
         return Concurrence(None, None)
@@ -126,7 +133,7 @@ def concurrence(
         if fitting:
             return _fitting(fitting, often, diameter_mm, rig)
     found = _widest(often, rig)
-    wider = None if found.shaft is None else _wider(seen, agreed, found.shaft, rig)
+    wider = None if found.shaft is None else _wider(seen, agreed, rails, found.shaft, rig)
     if wider is None:
         return found
     advice = "state diameter_mm"
@@ -138,8 +145,18 @@ def concurrence(
     return Concurrence(None, f"{wider}; {advice}")
 
 
+def _rails(agreed: Sequence[Together]) -> set[tuple[int, ...]]:
+    """Return the things of which the best pair of edges turns beside what clearly pivots rather."""
+    best = {one.things: one for one in sorted(agreed, key=lambda one: one.score)}.values()
+    return {one.things for one in best if any(is_rail_of(one, other) for other in best)}
+
+
 def _wider(
-    seen: Sequence[Sequence[Candidate]], agreed: Sequence[Together], shaft: Together, rig: Rig
+    seen: Sequence[Sequence[Candidate]],
+    agreed: Sequence[Together],
+    rails: Collection[tuple[int, ...]],
+    shaft: Together,
+    rig: Rig,
 ) -> str | None:
     """Say what is wider and may be the shaft instead, too badly seen to tell, if anything is."""
     faint = _faint(agreed, shaft)
@@ -148,7 +165,7 @@ def _wider(
             f"of something wider that turns too little is seen to tell whether it is the shaft: "
             f"{faint.described(rig)}, not {shaft.described(rig)}"
         )
-    alone = " and ".join(_seen_by_one(seen, shaft, rig))
+    alone = " and ".join(_seen_by_one(seen, rails, shaft, rig))
     if alone:
         return (
             f"the cameras agree on {shaft.described(rig)}, but not on what else turns and is "
@@ -167,39 +184,45 @@ def _faint(agreed: Sequence[Together], shaft: Together) -> Together | None:
         and one.support >= least
         and one.apart_from(shaft)
         and not one.joined_to(shaft)
-        and not (one.alongside(shaft) and shaft.meets_better(one))
         and one.diameter_mm > WIDER * (1 + CLEAR_SIGMAS * shaft.sigma) * shaft.diameter_mm
     ]
     return max(wider, key=lambda one: one.score, default=None)
 
 
-def _seen_by_one(seen: Sequence[Sequence[Candidate]], shaft: Together, rig: Rig) -> list[str]:
+def _seen_by_one(
+    seen: Sequence[Sequence[Candidate]],
+    rails: Collection[tuple[int, ...]],
+    shaft: Together,
+    rig: Rig,
+) -> list[str]:
     """Describe what is wider than the shaft and turns before one camera, not before all alike."""
-    besides = [
-        _besides(ones, taken, LEAST_SLENDERNESS)
-        for ones, taken in zip(seen, shaft.chosen, strict=True)
+    told = [
+        {taken.thing, *(things[camera] for things in rails)}
+        for camera, taken in enumerate(shaft.chosen)
     ]
+    others = [
+        [one for one in ones if one.thing not in known and not joined(one, taken)]
+        for ones, known, taken in zip(seen, told, shaft.chosen, strict=True)
+    ]
+    best = [max(one.support_px for one in ones) for ones in seen]
+    slender = [_well_seen(*of, LEAST_SLENDERNESS) for of in zip(others, best, strict=True)]
+    if not all(slender):
+        slender = [_well_seen(*of, LONG_SLENDERNESS) for of in zip(others, best, strict=True)]
     named = []
-    for ones, taken, others, camera in zip(seen, shaft.chosen, besides, rig.cameras, strict=True):
-        if not all(besides):
-            others = _besides(ones, taken, LONG_SLENDERNESS)
-        wider = [one for one in others if one.width_px > WIDER * taken.width_px]
+    for ones, taken, camera in zip(slender, shaft.chosen, rig.cameras, strict=True):
+        wider = [one for one in ones if one.width_px > WIDER * taken.width_px]
         named += [f"{one.description} in {camera.name}" for one in wider[:1]]
     return named
 
 
-def _besides(ones: Sequence[Candidate], shaft: Candidate, slenderness: float) -> list[Candidate]:
-    """Return what one camera sees turn besides the shaft, as well as its best or so slender."""
-    best = max(one.support_px for one in ones)
+def _well_seen(ones: Sequence[Candidate], best_px: float, slenderness: float) -> list[Candidate]:
+    """Return what is often seen, as well as the best of its camera, or less so and so slender."""
     return [
         one
         for one in ones
-        if one.thing != shaft.thing
-        and not one.rare
-        and not joined(one, shaft)
-        and not (one.width_px < shaft.width_px and alongside(one, shaft))
+        if not one.rare
         and one.support_px
-        >= best * (LEAST_RIVAL if one.slenderness > slenderness else EQUAL_SUPPORT)
+        >= best_px * (LEAST_RIVAL if one.slenderness > slenderness else EQUAL_SUPPORT)
     ]
 
 
@@ -216,12 +239,7 @@ def _fitting(
     )
     distinct.sort(key=lambda one: one.departure(diameter_mm))
     shaft = distinct[0]
-    others = [
-        one
-        for one in distinct[1:]
-        if one.support >= LEAST_RIVAL * shaft.support
-        and not (one.alongside(shaft) and shaft.meets_better(one))
-    ]
+    others = [one for one in distinct[1:] if one.support >= LEAST_RIVAL * shaft.support]
     if others and others[0].departure(diameter_mm) < shaft.departure(diameter_mm) + CLEAR_SIGMAS:
         return Concurrence(
             None,
@@ -249,7 +267,7 @@ def _widest(agreed: Sequence[Together], rig: Rig) -> Concurrence:
     distinct = [one for one in distinct if one not in shadows]
     faint = _faint(agreed, distinct[0])
     shaft, *others = distinct if faint is None else [faint, *distinct]
-    rivals = [one for one in others if not _is_rail(one, shaft)]
+    rivals = [one for one in others if not _hardly_beside(one, shaft)]
     if not rivals and not shadows:
         return Concurrence(shaft, None)
     if not rivals:
@@ -262,17 +280,17 @@ def _widest(agreed: Sequence[Together], rig: Rig) -> Concurrence:
     return Concurrence(shaft, f"two things turn, and the wider is taken for the shaft: {both}")
 
 
-def _is_rail(one: Together, shaft: Together) -> bool:
-    """Tell whether something narrower turns beside the shaft as a rail of its carriage does."""
-    badly_seen = one.support < EQUAL_SUPPORT * shaft.support
-    return one.alongside(shaft) and (badly_seen or shaft.meets_better(one))
-
-
 def _may_be_instead(one: Together, shaft: Together) -> bool:
-    """Tell whether something narrower may be the shaft: it hardly is, or what is wider a rail."""
+    """Tell whether something is about as wide as the shaft, or beside it and pivots rather."""
     clear = WIDER * (1 + CLEAR_SIGMAS * max(shaft.sigma, one.sigma))
-    hardly = shaft.diameter_mm < clear * one.diameter_mm
-    return hardly or (one.alongside(shaft) and one.meets_better(shaft))
+    if shaft.diameter_mm < clear * one.diameter_mm:
+        return True
+    return alongside(one, shaft) and pivots_rather(one, shaft) > LEANS_SIGMAS
+
+
+def _hardly_beside(one: Together, shaft: Together) -> bool:
+    """Tell whether something narrower turns beside the shaft and is badly seen, as most rails."""
+    return one.support < EQUAL_SUPPORT * shaft.support and alongside(one, shaft)
 
 
 def _distinct(ones: Sequence[Together], value: Callable[[Together], float]) -> list[Together]:

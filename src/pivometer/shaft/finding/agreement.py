@@ -17,7 +17,7 @@ from pivometer._arrays import Floats
 from pivometer.cameras import Rig
 from pivometer.shaft.finding.candidates import Candidate
 from pivometer.shaft.finding.motion import WIDTH_POWER
-from pivometer.shaft.finding.relations import along, alongside, joined
+from pivometer.shaft.finding.relations import along, joined
 from pivometer.shaft.silhouette import edge_normals
 
 LEAST_POSES = 3
@@ -43,14 +43,31 @@ RATIO_SPREAD = 0.15
 LEAST_SLENDERNESS = 1.5
 """Carriages were 1.1 to 1.2 widths long in drawn sessions, shafts of 60 px or less at least 1.9."""
 
-MEETS_BETTER = 2.0
-"""Of things that turn side by side that is no shaft whose centerlines meet so many times worse."""
-
 LEAST_DIHEDRAL_SINE = 0.05
 MISS_DIAMETERS = 0.6
 MISS_PX = 4.0
 """Median distance of the centerlines from their common point: robots miss by up to 0.3 diameters,
 edges by a pixel or two."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Centerlines:
+    """Middles of one thing's edges in space, in the poses that two cameras see.
+
+    Parameters
+    ----------
+    poses
+        Names of the poses.
+    points_mm, directions
+        A point of each line and its unit direction, shape (n, 3), the rig's frame.
+    planes
+        Unit normals of the planes of both cameras' centres and the lines, shape (n, 2, 3).
+    """
+
+    poses: tuple[str, ...]
+    points_mm: Floats
+    directions: Floats
+    planes: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,15 +84,15 @@ class Together:
         Edge length as a part of the best candidate's, the least of the cameras.
     score
         The same, summed over the cameras, with the width's weight as in one camera's vote.
-    miss_mm
-        How far its centerlines usually are from the point nearest to all.
+    lines
+        Its centerlines.
     """
 
     chosen: tuple[Candidate, ...]
     diameter_mm: float
     support: float
     score: float
-    miss_mm: float
+    lines: Centerlines
 
     @property
     def things(self) -> tuple[int, ...]:
@@ -112,14 +129,6 @@ class Together:
             and self.support < other.support
         )
 
-    def alongside(self, other: Together) -> bool:
-        """Whether all cameras see it turn side by side with something else."""
-        return self.apart_from(other) and all(map(alongside, self.chosen, other.chosen))
-
-    def meets_better(self, other: Together) -> bool:
-        """Whether its centerlines are clearly nearer to one point than another's."""
-        return MEETS_BETTER * self.miss_mm < other.miss_mm
-
     @property
     def rare(self) -> bool:
         """Whether no camera sees it often."""
@@ -154,7 +163,7 @@ def agreeing(
         As of `concurrence`.
     """
     planes = [[_Planes.of(one, poses[c], rig, c) for one in ones] for c, ones in enumerate(seen)]
-    measured: dict[tuple[int, int, int, int], tuple[float, float, float] | None] = {}
+    measured: dict[tuple[int, int, int, int], tuple[float, float, Centerlines] | None] = {}
     for a, b in combinations(range(len(seen)), 2):
         for i, j in product(range(len(seen[a])), range(len(seen[b]))):
             measured[a, i, b, j] = _one_thing(planes[a][i], planes[b][j])
@@ -165,14 +174,14 @@ def agreeing(
         told = [value for value in every if value is not None]
         if len(told) < len(every):
             continue
-        diameters, fits, misses = np.array(told).T
+        diameters, fits, lines = zip(*told, strict=True)
         ones = tuple(seen[c][k] for c, k in enumerate(choice))
         parts = [one.support_px / most for one, most in zip(ones, best, strict=True)]
-        score = float(fits.min()) * sum(
+        score = min(fits) * sum(
             part * one.width_px**WIDTH_POWER for part, one in zip(parts, ones, strict=True)
         )
         diameter = float(np.median(diameters))
-        found.append(Together(ones, diameter, min(parts), score, float(misses.max())))
+        found.append(Together(ones, diameter, min(parts), score, lines[0]))
     return found
 
 
@@ -196,15 +205,15 @@ class _Planes:
         return cls(normals, place.translation_mm, one.width_px)
 
 
-def _one_thing(one: _Planes, other: _Planes) -> tuple[float, float, float] | None:
-    """Return the diameter (mm) on which two cameras agree, how well (1 is fully), and the miss."""
+def _one_thing(one: _Planes, other: _Planes) -> tuple[float, float, Centerlines] | None:
+    """Return the diameter (mm) on which two cameras agree, how well (1 is fully), and where."""
     common = [pose for pose in one.normals if pose in other.normals]
     least = LEAST_SHARE * min(len(one.normals), len(other.normals))
     if len(common) < max(LEAST_POSES, least):
         return None
     pair = np.stack([[side.normals[pose] for side in (one, other)] for pose in common])
     centres = np.stack([one.centre_mm, other.centre_mm])
-    points, directions, diameters = _centerlines(pair, centres)
+    planes, points, directions, diameters = _centerlines(pair, centres)
     good = np.isfinite(diameters).all(axis=1) & (diameters > 0).all(axis=1)
     if good.sum() < max(LEAST_POSES, least):
         return None
@@ -217,14 +226,15 @@ def _one_thing(one: _Planes, other: _Planes) -> tuple[float, float, float] | Non
         return None
     diameter = float(np.median(diameters[good]))
     allowed = MISS_DIAMETERS + MISS_PX / narrow
-    miss = _usual_miss(points[good], directions[good])
-    if miss > allowed * diameter:
+    if _usual_miss(points[good], directions[good]) > allowed * diameter:
         return None
-    return diameter, float(np.exp(-(away**2) / 2)), miss
+    poses = tuple(common[place] for place in np.flatnonzero(good))
+    lines = Centerlines(poses, points[good], directions[good], planes[good])
+    return diameter, float(np.exp(-(away**2) / 2)), lines
 
 
-def _centerlines(pair: Floats, centres: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return points, directions (n, 3) and both cameras' diameters (n, 2); nan where degenerate."""
+def _centerlines(pair: Floats, centres: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return planes (n, 2, 3), points, directions (n, 3), diameters (n, 2); nan if degenerate."""
     middles = pair[:, :, 0] - pair[:, :, 1]
     middles = middles / np.linalg.norm(middles, axis=-1, keepdims=True)
     direction = np.cross(middles[:, 0], middles[:, 1])
@@ -239,7 +249,7 @@ def _centerlines(pair: Floats, centres: Floats) -> tuple[Floats, Floats, Floats]
     points[~clear] = np.nan
     away = points[:, None] - centres
     diameters = -np.einsum("ncx,ncx->nc", pair.sum(axis=2), away)
-    return points, direction, diameters
+    return middles, points, direction, diameters
 
 
 def _usual_miss(points: Floats, directions: Floats) -> float:
