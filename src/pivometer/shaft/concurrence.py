@@ -43,8 +43,8 @@ or as well seen as what is seen best; or slender, if the others see something tu
 390 drawn sessions it was so in 7 where a rod was taken, and in one beside a shaft, a carriage."""
 
 LEANS_SIGMAS = 1.5
-"""What is narrower and turns beside the shaft may be it if it pivots rather by so much. No rail that
-shows a tenth of the edges did by over 0.8 in 630 drawn sessions."""
+"""What is narrower and turns beside the shaft may be it if it pivots rather by so much. No rail
+that showed a tenth of the edges did by over 0.8 in 630 drawn sessions."""
 
 MOST_UNEXPLAINED = 0.5
 """In few poses another pair of edges half as long as the shaft's may be the shaft instead."""
