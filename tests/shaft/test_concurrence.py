@@ -235,6 +235,7 @@ def test_two_rods_as_wide_are_refused_and_told_apart_by_a_stated_diameter():
     refused = concurrence(together(shaft, rod), POSES, RIG)
     assert refused.shaft is None
     assert "either may be the shaft" in (refused.doubt or "")
+    assert (refused.doubt or "").endswith("; state diameter_mm")
     told = concurrence(together(shaft, rod), POSES, RIG, diameter_mm=10.0)
     assert told.shaft is not None
     assert told.shaft.chosen == (shaft[0], shaft[1])
@@ -242,6 +243,7 @@ def test_two_rods_as_wide_are_refused_and_told_apart_by_a_stated_diameter():
     both = concurrence(together(shaft, rod), POSES, RIG, diameter_mm=11.2)
     assert both.shaft is None
     assert "may have the stated 11.2 mm" in (both.doubt or "")
+    assert (both.doubt or "").endswith("; give hints ([shaft.hint])")
     chance = seen(ROD_PIVOT, 12.5, thing=1, seed=2, noise_px=0.2, support=50.0)
     least = concurrence(together(shaft, chance), POSES, RIG, diameter_mm=11.2)
     assert least.shaft is not None

@@ -128,21 +128,21 @@ def concurrence(
     often = [one for one in agreed if not one.rare]
     if not often:
         return Concurrence(None, None)
-    if diameter_mm is not None:
-        fitting = [one for one in often if one.departure(diameter_mm) < MOST_SIGMAS]
-        if fitting:
-            return _fitting(fitting, often, diameter_mm, rig)
-    found = _widest(often, rig)
-    wider = None if found.shaft is None else _wider(seen, agreed, rails, found.shaft, rig)
-    if wider is None:
-        return found
     advice = "state diameter_mm"
     if diameter_mm is not None:
-        advice = (
-            f"nothing that all cameras see often has the stated {diameter_mm:g} mm: give hints "
-            "([shaft.hint])"
-        )
-    return Concurrence(None, f"{wider}; {advice}")
+        advice = "give hints ([shaft.hint])"
+        fitting = [one for one in often if one.departure(diameter_mm) < MOST_SIGMAS]
+        if fitting:
+            return _advised(_fitting(fitting, often, diameter_mm, rig), advice)
+        advice = f"nothing that all cameras see often has the stated {diameter_mm:g} mm: {advice}"
+    found = _widest(often, rig)
+    wider = None if found.shaft is None else _wider(seen, agreed, rails, found.shaft, rig)
+    return _advised(found if wider is None else Concurrence(None, wider), advice)
+
+
+def _advised(found: Concurrence, advice: str) -> Concurrence:
+    """Add to the reason why there is no answer what would give one."""
+    return found if found.shaft is not None else Concurrence(None, f"{found.doubt}; {advice}")
 
 
 def _rails(agreed: Sequence[Together]) -> set[tuple[int, ...]]:
