@@ -49,6 +49,13 @@ def test_how_clearly_one_pivots_is_what_noise_makes_uncertain():
     assert np.median(np.abs(told)) == pytest.approx(0.6745, abs=0.35)
 
 
+def test_without_any_noise_it_is_quite_clear():
+    shaft = seen(PIVOT, 10.0, thing=0, seed=1, noise_px=0.0)
+    rail = seen(PIVOT, 14.0, thing=1, seed=1, noise_px=0.0, beside_mm=30.0)
+    one, other = agreed(shaft, rail)
+    assert 1e3 < pivots_rather(one, other) < np.inf
+
+
 def test_another_rod_and_a_lane_of_the_shaft_are_not_beside_it():
     shaft = seen(PIVOT, 10.0, thing=0, seed=1)
     rod = seen(ROD_PIVOT, 5.0, thing=1, seed=2)

@@ -94,7 +94,7 @@ def pivots_rather(one: Together, other: Together) -> float:
         part, sigma = float(solution[3]), float(np.sqrt(variance * inverse[3, 3]))
         point = point + solution[:3]
         kept = left <= FARTHEST * np.median(left) + 1e-9
-    return (0.5 - part) / sigma
+    return (0.5 - part) / max(sigma, 1e-9)
 
 
 def _common(one: Together, other: Together) -> tuple[list[int], list[int]]:
