@@ -7,7 +7,9 @@ import pytest
 from tests.shaft.turning import PIVOT, POSES, RIG, ROD_PIVOT, seen, together
 
 from pivometer.shaft.concurrence import concurrence
+from pivometer.shaft.finding.agreement import agreeing
 from pivometer.shaft.finding.candidates import Candidate
+from pivometer.shaft.finding.side_by_side import pivots_rather
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -56,7 +58,7 @@ def test_all_cameras_that_see_something_wider_are_named():
     assert "20 px wide about (320, 360) in a and 32 px wide" in (found.doubt or "")
 
 
-@pytest.mark.parametrize(("support", "told"), [(50.0, False), (200.0, True)])
+@pytest.mark.parametrize(("support", "told"), [(20.0, False), (50.0, True)])
 def test_what_is_wider_need_be_less_slender_where_all_cameras_see_more_than_the_rod(support, told):
     rod = seen(ROD_PIVOT, 5.0, thing=0, seed=2)
     shaft = seen(PIVOT, 12.0, thing=1, seed=1, support=200.0, reach_mm=(20.0, 80.0))
@@ -226,7 +228,19 @@ def test_of_two_side_by_side_that_meet_alike_the_wider_is_taken_with_a_warning()
     assert found.shaft.chosen == (shaft[0], shaft[1])
     assert "the wider is taken" in (found.doubt or "")
     faint = [replace(one, support_px=200.0) for one in rail]
-    assert concurrence(together(shaft, faint), POSES, RIG).doubt is None
+    assert "the wider is taken" in (concurrence(together(shaft, faint), POSES, RIG).doubt or "")
+
+
+def test_a_faint_rail_that_pivots_less_is_no_second_shaft():
+    kind = {"seed": 3, "noise_px": 0.3, "miss_mm": 1.0}
+    shaft = seen(PIVOT, 16.0, thing=0, **kind)
+    rail = seen(PIVOT, 10.0, thing=1, beside_mm=25.0, support=200.0, **kind)
+    one, other = agreeing(together(shaft, rail), POSES, RIG)
+    assert 1.5 < pivots_rather(one, other) < 4
+    found = concurrence(together(shaft, rail), POSES, RIG)
+    assert found.shaft is not None
+    assert found.shaft.chosen == (shaft[0], shaft[1])
+    assert found.doubt is None
 
 
 def test_two_rods_as_wide_are_refused_and_told_apart_by_a_stated_diameter():

@@ -39,8 +39,9 @@ is no answer. In 510 drawn sessions all such things that were not joined to a sh
 
 LONG_SLENDERNESS = 6.0
 """What one camera alone sees turn, wider than the shaft, may be it if it is so long in its widths,
-or as well seen as what is seen best; or slender, if the others see something turn besides, too. In
-390 drawn sessions it was so in 7 where a rod was taken, and in one beside a shaft, a carriage."""
+or as well seen as what is seen best; or slender, if the others see something slender turn besides,
+even faintly. In 390 drawn sessions it was so in 7 where a rod was taken, and in one beside a shaft,
+a carriage."""
 
 LEANS_SIGMAS = 1.5
 """What is narrower and turns beside the shaft may be it if it pivots rather by so much. No rail
@@ -201,29 +202,29 @@ def _seen_by_one(
         for camera, taken in enumerate(shaft.chosen)
     ]
     others = [
-        [one for one in ones if one.thing not in known and not joined(one, taken)]
+        [one for one in ones if not one.rare and one.thing not in known and not joined(one, taken)]
         for ones, known, taken in zip(seen, told, shaft.chosen, strict=True)
     ]
     best = [max(one.support_px for one in ones) for ones in seen]
-    slender = [_well_seen(*of, LEAST_SLENDERNESS) for of in zip(others, best, strict=True)]
-    if not all(slender):
-        slender = [_well_seen(*of, LONG_SLENDERNESS) for of in zip(others, best, strict=True)]
+    corroborated = all(
+        any(
+            one.support_px >= FAINT_RIVAL * most and one.slenderness > LEAST_SLENDERNESS
+            for one in ones
+        )
+        for ones, most in zip(others, best, strict=True)
+    )
+    slenderness = LEAST_SLENDERNESS if corroborated else LONG_SLENDERNESS
     named = []
-    for ones, taken, camera in zip(slender, shaft.chosen, rig.cameras, strict=True):
-        wider = [one for one in ones if one.width_px > WIDER * taken.width_px]
+    for ones, most, taken, camera in zip(others, best, shaft.chosen, rig.cameras, strict=True):
+        wider = [
+            one
+            for one in ones
+            if one.width_px > WIDER * taken.width_px
+            and one.support_px
+            >= most * (LEAST_RIVAL if one.slenderness > slenderness else EQUAL_SUPPORT)
+        ]
         named += [f"{one.description} in {camera.name}" for one in wider[:1]]
     return named
-
-
-def _well_seen(ones: Sequence[Candidate], best_px: float, slenderness: float) -> list[Candidate]:
-    """Return what is often seen, as well as the best of its camera, or less so and so slender."""
-    return [
-        one
-        for one in ones
-        if not one.rare
-        and one.support_px
-        >= best_px * (LEAST_RIVAL if one.slenderness > slenderness else EQUAL_SUPPORT)
-    ]
 
 
 def _fitting(
@@ -267,7 +268,7 @@ def _widest(agreed: Sequence[Together], rig: Rig) -> Concurrence:
     distinct = [one for one in distinct if one not in shadows]
     faint = _faint(agreed, distinct[0])
     shaft, *others = distinct if faint is None else [faint, *distinct]
-    rivals = [one for one in others if not _hardly_beside(one, shaft)]
+    rivals = [one for one in others if not _is_faint_rail(one, shaft)]
     if not rivals and not shadows:
         return Concurrence(shaft, None)
     if not rivals:
@@ -285,12 +286,18 @@ def _may_be_instead(one: Together, shaft: Together) -> bool:
     clear = WIDER * (1 + CLEAR_SIGMAS * max(shaft.sigma, one.sigma))
     if shaft.diameter_mm < clear * one.diameter_mm:
         return True
-    return alongside(one, shaft) and pivots_rather(one, shaft) > LEANS_SIGMAS
+    return alongside(one, shaft) and _leans(one, shaft)
 
 
-def _hardly_beside(one: Together, shaft: Together) -> bool:
-    """Tell whether something narrower turns beside the shaft and is badly seen, as most rails."""
-    return one.support < EQUAL_SUPPORT * shaft.support and alongside(one, shaft)
+def _is_faint_rail(one: Together, shaft: Together) -> bool:
+    """Tell whether something narrower turns beside the shaft, badly seen, which rather pivots."""
+    faint = one.support < EQUAL_SUPPORT * shaft.support
+    return faint and alongside(one, shaft) and _leans(shaft, one)
+
+
+def _leans(one: Together, shaft: Together) -> bool:
+    """Tell whether something beside the shaft pivots rather, if not clearly."""
+    return pivots_rather(one, shaft) > LEANS_SIGMAS
 
 
 def _distinct(ones: Sequence[Together], value: Callable[[Together], float]) -> list[Together]:
