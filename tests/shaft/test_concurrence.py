@@ -68,6 +68,19 @@ def test_what_is_wider_need_be_less_slender_where_all_cameras_see_more_than_the_
     assert ("24 px wide about (320, 360) in a; state" in (found.doubt or "")) == told
 
 
+@pytest.mark.parametrize(("lanes_mm", "told"), [((5.0, 7.0), False), ((2.0, 4.0), True)])
+def test_a_rod_is_doubted_where_each_camera_sees_another_lane_of_something_else(lanes_mm, told):
+    rod = seen(ROD_PIVOT, 6.0, thing=0, seed=2)
+    one, other = (seen(PIVOT, lane, thing=1, seed=1, support=300.0) for lane in lanes_mm)
+    candidates = [[rod[0], one[0]], [rod[1], other[1]]]
+    found = concurrence(candidates, POSES, RIG)
+    assert (found.shaft is not None) == told
+    assert "the cameras agree on one only" in (found.doubt or "")
+    assert (found.doubt or "").endswith("; state diameter_mm") != told
+    alone = concurrence([candidates[0], candidates[1][:1]], POSES, RIG)
+    assert alone.doubt is None
+
+
 def test_something_wider_that_is_hardly_seen_is_the_shaft_where_all_cameras_agree_on_it():
     rod = seen(ROD_PIVOT, 5.0, thing=0, seed=2)
     shaft = seen(PIVOT, 10.0, thing=1, seed=1, support=50.0)

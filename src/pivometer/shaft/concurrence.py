@@ -138,6 +138,8 @@ def concurrence(
         advice = f"nothing that all cameras see often has the stated {diameter_mm:g} mm: {advice}"
     found = _widest(often, rig)
     wider = None if found.shaft is None else _wider(seen, agreed, rails, found.shaft, rig)
+    if wider is None and found.shaft is not None and found.doubt is None:
+        found = _beside_what_none_agree_on(seen, every, found.shaft, rig)
     return _advised(found if wider is None else Concurrence(None, wider), advice)
 
 
@@ -225,6 +227,42 @@ def _seen_by_one(
         ]
         named += [f"{one.description} in {camera.name}" for one in wider[:1]]
     return named
+
+
+def _beside_what_none_agree_on(
+    seen: Sequence[Sequence[Candidate]], every: Sequence[Together], shaft: Together, rig: Rig
+) -> Concurrence:
+    """Doubt the shaft if each camera sees something else well, but no two see the same in it.
+
+    Of that, which may be the shaft, each may see another lane.
+    """
+    widest = []
+    for camera, (ones, taken) in enumerate(zip(seen, shaft.chosen, strict=True)):
+        known = {one.things[camera] for one in every}
+        least = LEAST_RIVAL * max(one.support_px for one in ones)
+        others = [
+            one
+            for one in ones
+            if one.thing not in known
+            and not one.rare
+            and one.slenderness > LEAST_SLENDERNESS
+            and one.support_px >= least
+            and not joined(one, taken)
+        ]
+        if not others:
+            return Concurrence(shaft, None)
+        widest.append(max(others, key=lambda one: one.width_px))
+    clear = WIDER * (1 + CLEAR_SIGMAS * shaft.sigma)
+    alike = all(
+        taken.width_px < clear * one.width_px
+        for one, taken in zip(widest, shaft.chosen, strict=True)
+    )
+    named = " and ".join(
+        f"{one.description} in {camera.name}"
+        for one, camera in zip(widest, rig.cameras, strict=True)
+    )
+    agreed = f"two things turn, and the cameras agree on one only: {shaft.described(rig)}"
+    return Concurrence(None if alike else shaft, f"{agreed}, not on {named}")
 
 
 def _fitting(
