@@ -43,6 +43,18 @@ def cross(one: Floats, other: Floats) -> Floats:
     return product
 
 
+def across(vectors: Floats, axes: Floats) -> Floats:
+    """Return the parts of vectors across unit vectors, both of shape (n, 3).
+
+    Examples
+    --------
+    >>> across(np.array([[3.0, 0.0, 4.0]]), np.array([[0.0, 0.0, 1.0]]))
+    array([[3., 0., 0.]])
+    """
+    along: Floats = np.vecdot(vectors, axes)[:, None] * axes
+    return np.subtract(vectors, along, out=along)  # a new array costs more than its numbers
+
+
 def _largest(vectors: Floats, name: str) -> Floats:
     """Return the largest component of each vector, shape (..., 1)."""
     largest: Floats = np.abs(vectors).max(axis=-1, keepdims=True)

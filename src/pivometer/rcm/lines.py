@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pivometer._arrays import Floats, checked
 from pivometer.errors import DegenerateGeometryError, ShapeError, TooFewPosesError
-from pivometer.geometry.line import unit
+from pivometer.geometry.line import across, unit
 from pivometer.rcm.lapack import lapack
 
 FEWEST_LINES = 3
@@ -127,17 +127,11 @@ def centred_lines(points_mm: ArrayLike, directions: ArrayLike) -> CentredLines:
     centre = ones @ points / len(points)
     # The second round removes what the first loses when the given points lie far along the lines.
     for _ in range(2):
-        offsets = _across((points - centre) @ turn, axes)
+        offsets = across((points - centre) @ turn, axes)
         shift = ones @ offsets / information
         centre = centre + turn @ shift
     # The second rejection makes the offsets orthogonal to the axes relative to their own length.
-    return CentredLines(centre, turn, information, axes, _across(offsets - shift, axes))
-
-
-def _across(vectors: Floats, axes: Floats) -> Floats:
-    """Return the parts of `vectors` across unit vectors, both of shape (n, 3)."""
-    across: Floats = np.vecdot(vectors, axes)[:, None] * axes
-    return np.subtract(vectors, across, out=across)  # a new array costs more than its numbers
+    return CentredLines(centre, turn, information, axes, across(offsets - shift, axes))
 
 
 def _principal_axes(axes: Floats) -> tuple[Floats, Floats, Floats]:

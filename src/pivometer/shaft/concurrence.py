@@ -187,7 +187,7 @@ def _faint(agreed: Sequence[Together], shaft: Together) -> Together | None:
         and one.support >= least
         and one.apart_from(shaft)
         and not one.joined_to(shaft)
-        and one.diameter_mm > WIDER * (1 + CLEAR_SIGMAS * shaft.sigma) * shaft.diameter_mm
+        and one.diameter_mm > _clear(shaft) * shaft.diameter_mm
     ]
     return max(wider, key=lambda one: one.score, default=None)
 
@@ -199,33 +199,21 @@ def _seen_by_one(
     rig: Rig,
 ) -> list[str]:
     """Describe what is wider than the shaft and turns before one camera, not before all alike."""
-    told = [
-        {taken.thing, *(things[camera] for things in rails)}
-        for camera, taken in enumerate(shaft.chosen)
-    ]
-    others = [
-        [one for one in ones if not one.rare and one.thing not in known and not joined(one, taken)]
-        for ones, known, taken in zip(seen, told, shaft.chosen, strict=True)
-    ]
-    best = [max(one.support_px for one in ones) for ones in seen]
+    others = _others(seen, shaft, {shaft.things, *rails})
     corroborated = all(
-        any(
-            one.support_px >= FAINT_RIVAL * most and one.slenderness > LEAST_SLENDERNESS
-            for one in ones
-        )
-        for ones, most in zip(others, best, strict=True)
+        any(share >= FAINT_RIVAL and one.slenderness > LEAST_SLENDERNESS for one, share in ones)
+        for ones in others
     )
     slenderness = LEAST_SLENDERNESS if corroborated else LONG_SLENDERNESS
     named = []
-    for ones, most, taken, camera in zip(others, best, shaft.chosen, rig.cameras, strict=True):
+    for ones, taken, camera in zip(others, shaft.chosen, rig.cameras, strict=True):
         wider = [
             one
-            for one in ones
+            for one, share in ones
             if one.width_px > WIDER * taken.width_px
-            and one.support_px
-            >= most * (LEAST_RIVAL if one.slenderness > slenderness else EQUAL_SUPPORT)
+            and share >= (LEAST_RIVAL if one.slenderness > slenderness else EQUAL_SUPPORT)
         ]
-        named += [f"{one.description} in {camera.name}" for one in wider[:1]]
+        named += [one.described(camera.name) for one in wider[:1]]
     return named
 
 
@@ -236,33 +224,47 @@ def _beside_what_none_agree_on(
 
     Of that, which may be the shaft, each may see another lane.
     """
-    widest = []
-    for camera, (ones, taken) in enumerate(zip(seen, shaft.chosen, strict=True)):
-        known = {one.things[camera] for one in every}
-        least = LEAST_RIVAL * max(one.support_px for one in ones)
-        others = [
-            one
-            for one in ones
-            if one.thing not in known
-            and not one.rare
-            and one.slenderness > LEAST_SLENDERNESS
-            and one.support_px >= least
-            and not joined(one, taken)
-        ]
-        if not others:
-            return Concurrence(shaft, None)
-        widest.append(max(others, key=lambda one: one.width_px))
-    clear = WIDER * (1 + CLEAR_SIGMAS * shaft.sigma)
+    well = [
+        [one for one, share in ones if share >= LEAST_RIVAL and one.slenderness > LEAST_SLENDERNESS]
+        for ones in _others(seen, shaft, {one.things for one in every})
+    ]
+    if not all(well):
+        return Concurrence(shaft, None)
+    widest = [max(ones, key=lambda one: one.width_px) for ones in well]
     alike = all(
-        taken.width_px < clear * one.width_px
+        taken.width_px < _clear(shaft) * one.width_px
         for one, taken in zip(widest, shaft.chosen, strict=True)
     )
-    named = " and ".join(
-        f"{one.description} in {camera.name}"
-        for one, camera in zip(widest, rig.cameras, strict=True)
-    )
+    cameras = zip(widest, rig.cameras, strict=True)
+    named = " and ".join(one.described(camera.name) for one, camera in cameras)
     agreed = f"two things turn, and the cameras agree on one only: {shaft.described(rig)}"
     return Concurrence(None if alike else shaft, f"{agreed}, not on {named}")
+
+
+def _others(
+    seen: Sequence[Sequence[Candidate]], shaft: Together, known: Collection[tuple[int, ...]]
+) -> list[list[tuple[Candidate, float]]]:
+    """Return what each camera often sees turn that is not known, and not joined to the shaft.
+
+    With each its edge length as a part of the best one's of that camera.
+    """
+    others = []
+    for camera, (ones, taken) in enumerate(zip(seen, shaft.chosen, strict=True)):
+        numbers = {things[camera] for things in known}
+        best = max(one.support_px for one in ones)
+        others.append(
+            [
+                (one, one.support_px / best)
+                for one in ones
+                if not one.rare and one.thing not in numbers and not joined(one, taken)
+            ]
+        )
+    return others
+
+
+def _clear(*ones: Together) -> float:
+    """Return by what factor one of things must be wider than another for that to be clear."""
+    return WIDER * (1 + CLEAR_SIGMAS * max(one.sigma for one in ones))
 
 
 def _fitting(
@@ -321,8 +323,7 @@ def _widest(agreed: Sequence[Together], rig: Rig) -> Concurrence:
 
 def _may_be_instead(one: Together, shaft: Together) -> bool:
     """Tell whether something is about as wide as the shaft, or beside it and pivots rather."""
-    clear = WIDER * (1 + CLEAR_SIGMAS * max(shaft.sigma, one.sigma))
-    if shaft.diameter_mm < clear * one.diameter_mm:
+    if shaft.diameter_mm < _clear(shaft, one) * one.diameter_mm:
         return True
     return alongside(one, shaft) and _leans(one, shaft)
 

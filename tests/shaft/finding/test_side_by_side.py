@@ -6,7 +6,7 @@ from tests.shaft.turning import PIVOT, POSES, RIG, ROD_PIVOT, seen, together
 
 from pivometer.shaft.finding.agreement import agreeing
 from pivometer.shaft.finding.side_by_side import (
-    CLEAR_SIGMAS,
+    PIVOT_SIGMAS,
     alongside,
     is_rail_of,
     pivots_rather,
@@ -30,7 +30,7 @@ def test_the_shaft_pivots_rather_than_a_rail_beside_it_though_the_robot_misses(s
     told = pivots_rather(one, other)
     assert told > 2
     assert pivots_rather(other, one) == pytest.approx(-told, rel=0.3)
-    assert is_rail_of(other, one) == (told > CLEAR_SIGMAS)
+    assert is_rail_of(other, one) == (told > PIVOT_SIGMAS)
     assert not is_rail_of(one, other)
 
 

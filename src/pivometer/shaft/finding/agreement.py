@@ -146,8 +146,7 @@ class Together:
     def described(self, rig: Rig) -> str:
         """How a person would find it in the images."""
         places = [
-            f"{one.description} in {camera.name}"
-            for one, camera in zip(self.chosen, rig.cameras, strict=True)
+            one.described(camera.name) for one, camera in zip(self.chosen, rig.cameras, strict=True)
         ]
         return f"one of {self.diameter_mm:.1f} mm ({', '.join(places)})"
 

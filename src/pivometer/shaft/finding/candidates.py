@@ -68,11 +68,10 @@ class Candidate:
         lengths = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=-1)
         return float(np.median(lengths.mean(axis=-1))) / self.width_px
 
-    @property
-    def description(self) -> str:
-        """How a person would find it in the images."""
+    def described(self, camera: str) -> str:
+        """How a person would find it in the images of its camera."""
         x, y = self.pivot_px
-        return f"{self.width_px:.0f} px wide about ({x:.0f}, {y:.0f})"
+        return f"{self.width_px:.0f} px wide about ({x:.0f}, {y:.0f}) in {camera}"
 
 
 def candidates(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pivometer._arrays import Floats
+from pivometer.geometry.line import across
 from pivometer.shaft.finding.agreement import Together
 from pivometer.shaft.finding.rivals import EQUAL_SUPPORT
 
@@ -21,7 +21,7 @@ before each camera, and with a standard deviation of it that is small, also besi
 630 drawn sessions it was 0.3° for rails of a carriage, up to 1.2° for wider ones of which edges are
 badly seen, and 2.9° and more for other rods."""
 
-CLEAR_SIGMAS = 4.0
+PIVOT_SIGMAS = 4.0
 """By how much one must pivot rather than the other. Unrefined edges are no Gaussian noise: of 492
 pairs of a shaft and what turned beside it in 630 drawn sessions, 30 with wide rails, two spoke
 against the shaft by more than 1.7, one by 3.3 and a hardly seen one by 4.8."""
@@ -40,7 +40,7 @@ def is_rail_of(one: Together, shaft: Together) -> bool:
         What cameras agree on.
     """
     seen = shaft.support >= EQUAL_SUPPORT * one.support and not shaft.rare
-    return seen and alongside(one, shaft) and pivots_rather(shaft, one) > CLEAR_SIGMAS
+    return seen and alongside(one, shaft) and pivots_rather(shaft, one) > PIVOT_SIGMAS
 
 
 def alongside(one: Together, other: Together) -> bool:
@@ -55,7 +55,7 @@ def alongside(one: Together, other: Together) -> bool:
     if len(own) < LEAST_COMMON or not one.apart_from(other):
         return False
     directions = one.lines.directions[own]
-    between = _across(directions, other.lines.points_mm[another] - one.lines.points_mm[own])
+    between = across(other.lines.points_mm[another] - one.lines.points_mm[own], directions)
     if np.median(np.linalg.norm(between, axis=1)) < max(one.diameter_mm, other.diameter_mm) / 2:
         return False
     planes = other.lines.planes[another]
@@ -79,13 +79,13 @@ def pivots_rather(one: Together, other: Together) -> float:
     own, another = _common(one, other)
     point = one.lines.points_mm[own].mean(axis=0)
     directions = one.lines.directions[own]
-    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    projectors = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     kept = np.ones(len(own), dtype=bool)
     part, sigma = 0.5, np.inf
     for _ in range(ROUNDS):
-        away = _across(directions, one.lines.points_mm[own] - point)
-        aside = _across(other.lines.directions[another], other.lines.points_mm[another] - point)
-        design = np.concatenate([across, (away - aside)[:, :, None]], axis=2)
+        away = across(one.lines.points_mm[own] - point, directions)
+        aside = across(other.lines.points_mm[another] - point, other.lines.directions[another])
+        design = np.concatenate([projectors, (away - aside)[:, :, None]], axis=2)
         rows, seen = design[kept].reshape(-1, 4), away[kept].ravel()
         inverse = np.linalg.inv(rows.T @ rows)
         solution = inverse @ (rows.T @ seen)
@@ -102,9 +102,3 @@ def _common(one: Together, other: Together) -> tuple[list[int], list[int]]:
     places = {pose: place for place, pose in enumerate(other.lines.poses)}
     pairs = [(k, places[pose]) for k, pose in enumerate(one.lines.poses) if pose in places]
     return [k for k, _ in pairs], [k for _, k in pairs]
-
-
-def _across(directions: Floats, vectors: Floats) -> Floats:
-    """Return the parts of vectors (n, 3) across directions (n, 3)."""
-    along = np.einsum("nx,nx->n", directions, vectors)
-    return np.asarray(vectors - along[:, None] * directions)
