@@ -1,11 +1,15 @@
 """Two things that turn: the wider is the shaft; two that are alike are refused."""
 
+from dataclasses import fields
+
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from pivometer.shaft.detection import SeedRejection, learn_shaft
+from pivometer.shaft.finding.motion import PairTable
+from pivometer.shaft.finding.rivals import turning_things
 from pivometer.shaft.seed import ShaftSeed
 
 SHAFT, OTHER = (100, 230), (230, 225)
@@ -47,3 +51,37 @@ def test_two_of_one_width_are_refused_and_both_are_named() -> None:
 
 def test_one_thing_alone_needs_no_warning() -> None:
     assert learn_shaft(frames(14, 1)).warning is None
+
+
+def turning(
+    pivot_px: tuple[float, float], width_px: float, length_px: float, frames: NDArray[np.intp]
+) -> PairTable:
+    """Return the pairs of edges of one thing that turns about a pivot, one a frame."""
+    angles = 0.1 + 0.08 * frames + 0.001 * width_px
+    normals = np.column_stack([np.cos(angles), np.sin(angles)])
+    along = np.column_stack([-normals[:, 1], normals[:, 0]])
+    same = np.ones(len(frames))
+    return PairTable(
+        at=frames,
+        which=np.zeros(len(frames), dtype=np.intp),
+        normal=normals,
+        offset=normals @ np.array(pivot_px),
+        middle=np.array(pivot_px) + 100.0 * along,
+        width=width_px * same,
+        taper=0.0 * same,
+        run=length_px * same,
+        length=length_px * same,
+        weight=length_px * same,
+    )
+
+
+def test_what_few_frames_show_by_chance_hides_nothing_that_many_show() -> None:
+    parts = [
+        turning((150.0, 180.0), 5.0, 380.0, np.arange(12)),
+        turning((30.0, 200.0), 9.0, 60.0, np.arange(12)),
+        turning((80.0, 190.0), 120.0, 300.0, np.array([1, 4, 9])),
+    ]
+    columns = [np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(PairTable)]
+    order = np.argsort(columns[0], kind="stable")
+    found = turning_things(PairTable(*(column[order] for column in columns)))
+    assert [thing.motion.width_px for thing in found] == pytest.approx([5.0, 9.0])

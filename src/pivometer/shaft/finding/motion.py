@@ -38,6 +38,9 @@ WIDTH_SPREADS = (0.02, 0.06)
 """The spreads follow twice the median departure of the agreeing frames, within these limits: the
 width at the pivot scatters by 0.1 % (clean) to 1.5 % (dark clutter) over the rendered sets."""
 
+AGREEING = 0.1
+"""A pair agrees with a motion if this part of its weight counts: it is off by 2.1 spreads."""
+
 EDGE_NOISE_PX = 0.5
 """How far an end of a pair's edges may be off, which extrapolating to the pivot magnifies; in their
 middle it is half."""
@@ -157,7 +160,7 @@ def hinted_motion(table: PairTable, pivot_px: Floats, width_px: float | None) ->
     start = Motion(pivot_px, width, NEARBY * width + 2, WIDTH_SPREAD, 0.0, 0)
     fits = start.agreement(table)
     top = table.best_per_frame(fits)
-    agreeing = int((fits[top] > 0.1 * table.weight[top]).sum())
+    agreeing = int((fits[top] > AGREEING * table.weight[top]).sum())
     if agreeing < 3:
         return replace(start, frames=agreeing) if agreeing else None
     motion = start
@@ -209,7 +212,7 @@ def _refined(table: PairTable, motion: Motion) -> Motion:
     pivot = np.linalg.lstsq(*sides)[0].astype(np.float64)
     away, width, sigma = (v[top] for v in at_pivot(table, pivot, motion.width_spread))
     mean = max(float(np.average(width, weights=fits[top] / sigma**2 + 1e-12)), 1.0)
-    agreeing = fits[top] > 0.1 * table.weight[top]
+    agreeing = fits[top] > AGREEING * table.weight[top]
     if agreeing.sum() < 3:
         return Motion(pivot, mean, motion.spread_px, motion.width_spread, 0.0, int(agreeing.sum()))
     least, most = 2 + LEAST_SPREAD * mean, 2 + NEARBY * mean
