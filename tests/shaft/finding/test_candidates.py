@@ -1,5 +1,7 @@
 """Of each thing that turns every width it shows is listed, and none that it does not show."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -55,3 +57,20 @@ def test_a_stripe_is_another_width_and_its_edges_are_its_own() -> None:
         assert one.width_px == pytest.approx(width)
         seen = [np.hypot(*(edges[1] - edges[0]).mean(axis=0)) for edges in one.edges_px.values()]
         assert seen == pytest.approx([width] * FRAMES)
+
+
+def test_no_width_is_listed_twice() -> None:
+    aside = np.array([0.0, -26.0])
+    pairs = []
+    for angle in np.linspace(-0.25, 0.25, FRAMES):
+        short = piece(angle, 20, 120, 39.0, -0.1)  # about a pivot of their own
+        moved = replace(
+            short,
+            edges_px=short.edges_px + aside,
+            offset_px=float(short.normal @ aside),
+            middle_px=short.middle_px + aside,
+        )
+        pairs.append([piece(angle, 60, 260, 46.0), moved])
+    table = pair_table(pairs, [np.ones(2)] * FRAMES)
+    found = candidates(turning_things(table), table, pairs, SCALE, np.zeros(2))
+    assert [one.width_px for one in found] == pytest.approx([46.0, 39.0])
