@@ -12,6 +12,7 @@ from pivometer.calibration.board import Board, BoardView
 from pivometer.calibration.result import LengthError
 from pivometer.cameras import Rig
 from pivometer.errors import CalibrationError
+from pivometer.geometry.line import projectors
 from pivometer.geometry.rigid import RigidTransform
 
 
@@ -69,7 +70,7 @@ def _nearest_to_rays(points: Floats, R: Floats, centres: Floats) -> Floats:
     ones = np.ones((*points.shape[:2], 1))
     rays = np.concatenate([points, ones], axis=-1) @ np.swapaxes(R, 1, 2)
     rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
-    across = np.eye(3) - rays[..., :, None] * rays[..., None, :]
+    across = projectors(rays)
     N = across.sum(axis=0)
     if len(N) and float(np.linalg.eigvalsh(N)[:, 0].min()) < 1e-8:
         raise CalibrationError(

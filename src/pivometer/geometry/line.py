@@ -55,6 +55,18 @@ def across(vectors: Floats, axes: Floats) -> Floats:
     return np.subtract(vectors, along, out=along)  # a new array costs more than its numbers
 
 
+def projectors(axes: Floats) -> Floats:
+    """Return the projectors I − aaᵀ across unit vectors a (..., 3), shape (..., 3, 3).
+
+    Examples
+    --------
+    >>> projectors(np.array([0.0, 0.0, 1.0])) @ [3.0, 0.0, 4.0]
+    array([3., 0., 0.])
+    """
+    across_axes: Floats = np.eye(3) - axes[..., :, None] * axes[..., None, :]
+    return across_axes
+
+
 def _largest(vectors: Floats, name: str) -> Floats:
     """Return the largest component of each vector, shape (..., 1)."""
     largest: Floats = np.abs(vectors).max(axis=-1, keepdims=True)

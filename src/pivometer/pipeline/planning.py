@@ -13,6 +13,7 @@ from pivometer.calibration import Board, BoardView, Calibration, calibrate_rig
 from pivometer.cameras import Camera, Rig
 from pivometer.errors import UsageError
 from pivometer.geometry import RigidTransform
+from pivometer.geometry.line import projectors
 from pivometer.measurement import ImportedRig
 from pivometer.rcm.lines import FEWEST_LINES
 from pivometer.simulation.boards import Pattern, Placement, pair_poses, single_poses
@@ -150,9 +151,9 @@ def _sight(rig: Rig) -> Floats:
     """Return the point nearest to all optical axes, shape (3,), mm."""
     axes = np.stack([pose.rotation[:, 2] for pose in rig.reference_from_camera])
     centres = np.stack([pose.translation_mm for pose in rig.reference_from_camera])
-    projectors = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    right = np.einsum("nij,nj->i", projectors, centres)
-    point: Floats = np.linalg.lstsq(projectors.sum(axis=0), right, rcond=1e-9)[0]
+    across = projectors(axes)
+    right = np.einsum("nij,nj->i", across, centres)
+    point: Floats = np.linalg.lstsq(across.sum(axis=0), right, rcond=1e-9)[0]
     return point
 
 

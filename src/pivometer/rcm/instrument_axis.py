@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from pivometer._arrays import Floats, checked, read_only
 from pivometer.errors import DegenerateGeometryError, ShapeError, TooFewPosesError
-from pivometer.geometry.line import unit
+from pivometer.geometry.line import projectors, unit
 from pivometer.rcm.blocks import ALIKE, block_covariance, halves_apart, lag_one, worth
 from pivometer.rcm.pivot import FEWEST_POSES
 from pivometer.rcm.result import Finding, RcmSolution
@@ -171,7 +171,7 @@ def _best_tried(inside: Floats, seen: Floats) -> tuple[Floats, Floats, Floats]:
     turn, height = np.pi * (1 + np.sqrt(5)) * index, index / TRIED
     flat = np.sqrt(1 - height**2)
     directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
-    kept = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    kept = projectors(directions)
     normal = np.einsum("abjk,mab->mjk", squares, kept)
     if not (np.linalg.eigvalsh(normal)[:, 0] > 1e-9 * len(rows)).any():
         raise DegenerateGeometryError(

@@ -12,6 +12,7 @@ from pivometer._arrays import Floats, checked, read_only
 from pivometer.cameras import Camera, Rig
 from pivometer.errors import UsageError
 from pivometer.geometry import RigidTransform, tangent_plane_normals
+from pivometer.geometry.line import projectors
 from pivometer.rcm.least_squares import least_squares_rcm
 from pivometer.rcm.minimax import minimax_rcm
 from pivometer.shaft.silhouette import edge_normals
@@ -264,7 +265,7 @@ def foreseen_location(
         If the poses do not determine the point.
     """
     axes = lines.directions
-    robot = robot_rms_mm**2 / 2 * (np.eye(3) - axes[:, :, None] * axes[:, None, :])
+    robot = robot_rms_mm**2 / 2 * projectors(axes)
     rcm = least_squares_rcm(lines.points_mm, axes, covariances_mm2=lines.noise_mm2 + robot)
     calibrated = location_uncertainty(lines.edges, rig, rig_covariance, coverage=coverage)
     return _with_lines(calibrated, rcm.covariance_mm2, len(axes))

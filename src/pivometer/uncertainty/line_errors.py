@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pivometer._arrays import Floats, checked, read_only
+from pivometer.geometry.line import projectors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,8 +73,7 @@ class LineErrors:
 
     def across(self) -> Floats:
         """Return the projectors Pᵢ across the lines, shape (n, 3, 3)."""
-        a = self.directions
-        return np.asarray(np.eye(3) - a[:, :, None] * a[:, None, :])
+        return projectors(self.directions)
 
     def location_mm2(self, alone_mm2: Floats) -> Floats:
         """Return the least-squares point's covariance from errors of each line's own, (3, 3)."""

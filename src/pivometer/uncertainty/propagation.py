@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from pivometer._arrays import Floats, checked, read_only
 from pivometer.cameras.rig import Rig
 from pivometer.errors import ShapeError
+from pivometer.geometry.line import projectors
 from pivometer.rcm.least_squares import least_squares_rcm
 from pivometer.uncertainty.carried_edges import (
     Carried,
@@ -218,7 +219,7 @@ def common_location(directions: Floats, displacements_mm: Floats) -> Floats:
     numpy.ndarray
         Shape (3, r), mm.
     """
-    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    across = projectors(directions)
     return np.asarray(np.linalg.solve(across.sum(axis=0), (across @ displacements_mm).sum(axis=0)))
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pivometer._arrays import Floats
+from pivometer.geometry.line import projectors
 from pivometer.rcm.blocks import ALIKE, FEWEST_BLOCKS, block_covariance, lag_one, worth
 from pivometer.rcm.lines import checked_lines
 from pivometer.rcm.result import Finding, LeastSquaresRcm
@@ -59,7 +60,7 @@ def scatter(rcm: LeastSquaresRcm, points_mm: ArrayLike, directions: ArrayLike) -
     H. Künsch, doi:10.1214/aos/1176347265.
     """
     points, axes = checked_lines(points_mm, directions)
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    across = projectors(axes)
     misses = np.einsum("nij,nj->ni", across, points - rcm.point_mm)
     count, alike = len(points), lag_one(misses)
     if count < 2 * FEWEST_BLOCKS or alike < max(ALIKE, CHANCE_SIGMAS / np.sqrt(2 * count)):
