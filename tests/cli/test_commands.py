@@ -121,15 +121,12 @@ def test_the_help_of_a_command_opens_with_an_example(
     assert capsys.readouterr().out.startswith(f"Example:  pivometer {command}")
 
 
-def test_paragraphs_of_the_help_fill_the_terminal(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_paragraphs_of_the_help_fill_the_terminal() -> None:
     """The source breaks these lines elsewhere."""
-    monkeypatch.setenv("COLUMNS", "80")
-    assert main(["verify", "--help"]) == 0
-    shown = capsys.readouterr().out
-    assert "measures the\nsession again and compares every figure." in shown
-    assert "whoever can write a whole new result   │" in shown
+    code = "from pivometer.cli import main; main(['verify', '--help'])"
+    told = run(code, env={"COLUMNS": "80"})
+    assert "measures the\nsession again and compares every figure." in told.stdout
+    assert "whoever can write a whole new result   │" in told.stdout
 
 
 USUAL = {

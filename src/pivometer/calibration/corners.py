@@ -27,6 +27,10 @@ REACH_SQUARES = 0.8
 """Longest arm in squares: the next corner must not blur into the window."""
 SEED_BAND_PX = 5.0
 """How far to either side of a line the pixels of the first fit lie; a seed is better than that."""
+LEAST_CONTRAST = 0.1
+"""Part of the full range that an image's grey values must span for a board to be looked for that
+is not the stated one."""
+
 PART_OF_LARGER = 0.5
 """Part of the next row of corners that must be full saddles for the board to go on there: at most
 0.17 on 134 whole boards, real and rendered, at least 0.83 on parts of larger ones."""
@@ -348,7 +352,8 @@ def _not_found(image: Image, board: Board, view: str) -> BoardNotFoundError:
     """Say that there is no board, and why that may be."""
     across, down = board.squares
     what = f"{view}: no {board.kind} of {across}×{down} squares was found"
-    seen = _board_of_other_size(image, board) if board.kind == "checkerboard" else None
+    lit = not _is_faint(image)
+    seen = _board_of_other_size(image, board) if board.kind == "checkerboard" and lit else None
     if seen is not None:
         return BoardNotFoundError(
             f"{what}; the image shows one of {seen[0]}×{seen[1]} squares",
@@ -374,16 +379,27 @@ def _board_of_other_size(image: Image, board: Board) -> tuple[int, int] | None:
     return None
 
 
+def _is_faint(image: Image) -> bool:
+    """Tell whether an image has too little contrast to show a board."""
+    dark, bright = np.percentile(_rows(image), [1, 99])
+    return bool(bright - dark < LEAST_CONTRAST * np.iinfo(image.dtype).max)
+
+
+def _rows(image: Image) -> Floats:
+    """Return about 500 of an image's rows."""
+    return np.asarray(image[:: max(1, image.shape[0] // 500)], dtype=np.float64)
+
+
 def _likely_cause(image: Image) -> tuple[str, str]:
     """Describe the image's light and sharpness, and what follows from them."""
     full = float(np.iinfo(image.dtype).max)
-    sample = image[:: max(1, image.shape[0] // 500)].astype(np.float64)
+    sample = _rows(image)
     dark, bright = np.percentile(sample, [1, 99])
     steepest = float(np.percentile(np.abs(np.diff(sample, axis=1)), 99.8))
     edge_px = (bright - dark) / max(steepest, 1e-9)
     clipped = float((sample >= full).mean())
     light = f"grey values from {dark:.0f} to {bright:.0f} of {full:.0f}"
-    if bright - dark < 0.1 * full:
+    if _is_faint(image):
         return f"{light}: too little contrast", "light the board more, or expose longer"
     if clipped > 0.3:
         return f"{clipped:.0%} of the pixels are saturated", "expose less, and avoid reflections"
