@@ -3,14 +3,16 @@
 Run with ``OMP_NUM_THREADS=1 python -m benchmarks.choice [--sessions N] [--first S] [--only ROW]``.
 Nothing is fitted, so many fresh sessions can be looked at: a few seconds each. Right is what has
 the shaft's diameter and usually its edges, to `ALIKE` and `NEAR_PX`; another is named, with whether
-a warning is given, as is each session in which the cameras give no answer. Later gates may still
-refuse what is wrong here.
+a warning is given, as is each session in which the cameras give no answer. Of the right ones it is
+counted where a warning names something else, though the shaft alone was drawn to turn. Later gates
+may still refuse what is wrong here.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,8 +27,16 @@ ALIKE = 0.15
 NEAR_PX = 4.0
 
 
-def chosen(drawn: StressSession, *, empty: bool, stated: bool) -> str | None:
-    """Return what is wrong with the choice, or why there is none; None where it is right."""
+@dataclass(frozen=True)
+class Choice:
+    """What the cameras choose: what is wrong with it, if anything, and whether they warn."""
+
+    wrong: str | None
+    warned: bool
+
+
+def chosen(drawn: StressSession, *, empty: bool, stated: bool) -> Choice:
+    """Choose as a measurement does."""
     seen, poses = [], []
     for name, frames in drawn.frames.items():
         places = sampled(len(frames), MOST_SAMPLES)
@@ -37,13 +47,15 @@ def chosen(drawn: StressSession, *, empty: bool, stated: bool) -> str | None:
     stated_mm = drawn.diameter_mm if stated else None
     found = concurrence(seen, poses, drawn.rig, diameter_mm=stated_mm)
     if found.shaft is None:
-        return f"no answer: {found.doubt or 'nothing agrees'}"
+        return Choice(f"no answer: {found.doubt or 'nothing agrees'}", warned=False)
+    warned = found.doubt is not None
     off = usually_off_px(drawn, found.shaft, poses)
     measured, width = found.shaft.diameter_mm, max(one.width_px for one in found.shaft.chosen)
     if abs(measured / drawn.diameter_mm - 1) < ALIKE and off < NEAR_PX + ALIKE * width:
-        return None
-    said = "with" if found.doubt else "without"
-    return f"wrong {said} a warning: {measured:.1f} of {drawn.diameter_mm:.1f} mm, {off:.0f} px off"
+        return Choice(None, warned)
+    said = f"wrong {'with' if warned else 'without'} a warning"
+    what = f"{measured:.1f} of {drawn.diameter_mm:.1f} mm, {off:.0f} px off"
+    return Choice(f"{said}: {what}", warned)
 
 
 def usually_off_px(
@@ -70,12 +82,20 @@ def main() -> None:
             continue
         drawing = dict(choices)
         given = {key: bool(drawing.pop(key, False)) for key in ("empty", "stated")}
-        others = {}
+        alone = not (drawing.get("rail") or drawing.get("rod"))
+        others: dict[int, str] = {}
+        warned = []
         for seed in range(options.first, options.first + options.sessions):
-            other = chosen(stress_session(seed, **drawing), **given)
-            if other is not None:
-                others[seed] = other
-        print(f"{name}: {options.sessions - len(others)} of {options.sessions} right", flush=True)
+            drawn = stress_session(seed, **drawing)
+            choice = chosen(drawn, **given)
+            if choice.wrong is not None:
+                others[seed] = choice.wrong
+            elif alone and not drawn.has_second_rod:
+                warned.append(choice.warned)
+        right = f"{options.sessions - len(others)} of {options.sessions} right"
+        if warned:
+            right += f"; {sum(warned)} of {len(warned)} in which the shaft alone turns warn of more"
+        print(f"{name}: {right}", flush=True)
         for seed, other in others.items():
             print(f"  {seed} {other}")
 
