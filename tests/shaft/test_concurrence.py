@@ -9,6 +9,7 @@ from tests.shaft.turning import PIVOT, POSES, RIG, ROD_PIVOT, seen, together
 from pivometer.shaft.concurrence import concurrence
 from pivometer.shaft.finding.agreement import agreeing
 from pivometer.shaft.finding.candidates import Candidate
+from pivometer.shaft.finding.relations import turns_with
 from pivometer.shaft.finding.side_by_side import pivots_rather
 
 
@@ -66,6 +67,33 @@ def test_what_is_wider_need_be_less_slender_where_all_cameras_see_more_than_the_
     found = concurrence([[rod[0], shaft[0]], [rod[1], lane[1]]], POSES, RIG)
     assert (found.shaft is None) == told
     assert ("24 px wide about (320, 360) in a; state" in (found.doubt or "")) == told
+
+
+@pytest.mark.parametrize(("pivot", "told"), [(PIVOT, True), (ROD_PIVOT, False)])
+def test_what_is_wider_is_seen_as_well_as_its_lanes_together_unless_it_turns_with_the_rod(
+    pivot, told
+):
+    rod = seen(ROD_PIVOT, 5.0, thing=0, seed=2)
+    beside = 0.0 if told else 40.0
+    lanes = [
+        seen(pivot, lane, thing=1, seed=1 if told else 2, support=40.0, beside_mm=beside)[0]
+        for lane in (12.0, 9.0, 6.0)
+    ]
+    ends = {k: v[:, ::-1] if k % 2 else v for k, v in rod[0].edges_px.items()}  # in any order
+    assert all(turns_with(one, replace(rod[0], edges_px=ends)) != told for one in lanes)
+    found = concurrence([[rod[0], *lanes], [rod[1]]], POSES, RIG)
+    assert (found.shaft is None) == told
+    assert ("24 px wide" in (found.doubt or "")) == told
+    few = concurrence([[rod[0], *lanes[:2]], [rod[1]]], POSES, RIG)
+    assert few.shaft is not None
+
+
+def test_what_is_about_as_long_as_wide_is_not_the_shaft_where_something_slender_turns_apart():
+    rod = seen(ROD_PIVOT, 5.0, thing=0, seed=2)
+    holder = seen(PIVOT, 40.0, thing=1, seed=1, reach_mm=(70.0, 114.0))
+    found = concurrence(together(rod, holder), POSES, RIG)
+    assert found.shaft is None
+    assert "either may be the shaft: one of 39.9 mm" in (found.doubt or "")
 
 
 @pytest.mark.parametrize(("lanes_mm", "told"), [((5.0, 7.0), False), ((2.0, 4.0), True)])

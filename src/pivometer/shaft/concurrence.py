@@ -16,7 +16,7 @@ from pivometer.cameras import Rig
 from pivometer.shaft.detection import TRUSTED_MEDIAN, ShaftFinder
 from pivometer.shaft.finding.agreement import LEAST_SLENDERNESS, Together, agreeing
 from pivometer.shaft.finding.candidates import Candidate
-from pivometer.shaft.finding.relations import joined
+from pivometer.shaft.finding.relations import joined, turns_with
 from pivometer.shaft.finding.rivals import EQUAL_SUPPORT, WIDER
 from pivometer.shaft.finding.side_by_side import alongside, is_rail_of, pivots_rather
 
@@ -252,14 +252,26 @@ def _others(
     for camera, (ones, taken) in enumerate(zip(seen, shaft.chosen, strict=True)):
         numbers = {things[camera] for things in known}
         best = max(one.support_px for one in ones)
+        lengths = _edge_lengths(ones, taken)
         others.append(
             [
-                (one, one.support_px / best)
-                for one in ones
+                (one, length / best)
+                for one, length in zip(ones, lengths, strict=True)
                 if not one.rare and one.thing not in numbers and not joined(one, taken)
             ]
         )
     return others
+
+
+def _edge_lengths(ones: Sequence[Candidate], shaft: Candidate) -> list[float]:
+    """Return how much of each candidate's thing is seen, px: lanes of metal each show a part of it.
+
+    Of what turns with the shaft each pair counts alone: edges of the carriage and of its rails.
+    """
+    whole = {one.thing: 0.0 for one in ones}
+    for one in ones:
+        whole[one.thing] += one.support_px
+    return [one.support_px if turns_with(one, shaft) else whole[one.thing] for one in ones]
 
 
 def _clear(*ones: Together) -> float:
@@ -322,7 +334,13 @@ def _widest(agreed: Sequence[Together], rig: Rig) -> Concurrence:
 
 
 def _may_be_instead(one: Together, shaft: Together) -> bool:
-    """Tell whether something is about as wide as the shaft, or beside it and pivots rather."""
+    """Tell whether something may be the shaft instead of what is wider.
+
+    It may if that is not clearly wider, or no longer than wide, as the carriage of a shaft that is
+    not seen; or if it is beside that and pivots rather.
+    """
+    if one.slender and not shaft.slender:
+        return True
     if shaft.diameter_mm < _clear(shaft, one) * one.diameter_mm:
         return True
     return alongside(one, shaft) and _leans(one, shaft)
