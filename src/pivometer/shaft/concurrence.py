@@ -246,7 +246,7 @@ def _others(
 ) -> list[list[tuple[Candidate, float]]]:
     """Return what each camera often sees turn that is not known, and not joined to the shaft.
 
-    With each its edge length as a part of the best one's of that camera.
+    With each how much of it is seen, as a part of what is seen best by that camera.
     """
     others = []
     for camera, (ones, taken) in enumerate(zip(seen, shaft.chosen, strict=True)):
