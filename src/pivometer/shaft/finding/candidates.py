@@ -176,7 +176,7 @@ def _widths(thing: Turning, table: PairTable) -> list[tuple[Turning, PairTable]]
         if motion is None or motion.frames < max(3.0, SERIOUS_SHARE * frames):
             break
         if motion.width_px in [one.motion.width_px for one, _ in found]:
-            break  # of a pair that tapers from its neighbours half way only: it would come for ever
+            break  # and would come for ever: at the pivot these pairs are not as wide as half way
         fits = motion.agreement(part)
         support = float(fits[part.best_per_frame(fits)].sum())
         if support < LEAST_SUPPORT * thing.support_px:

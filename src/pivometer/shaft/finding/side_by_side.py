@@ -79,12 +79,12 @@ def pivots_rather(one: Together, other: Together) -> float:
     own, another = _common(one, other)
     point = one.lines.points_mm[own].mean(axis=0)
     directions = one.lines.directions[own]
-    kept = np.ones(len(own), dtype=bool)
+    flat, kept = projectors(directions), np.ones(len(own), dtype=bool)
     part, sigma = 0.5, np.inf
     for _ in range(ROUNDS):
         away = across(one.lines.points_mm[own] - point, directions)
         aside = across(other.lines.points_mm[another] - point, other.lines.directions[another])
-        design = np.concatenate([projectors(directions), (away - aside)[:, :, None]], axis=2)
+        design = np.concatenate([flat, (away - aside)[:, :, None]], axis=2)
         rows, seen = design[kept].reshape(-1, 4), away[kept].ravel()
         inverse = np.linalg.inv(rows.T @ rows)
         solution = inverse @ (rows.T @ seen)
