@@ -28,8 +28,7 @@ REACH_SQUARES = 0.8
 SEED_BAND_PX = 5.0
 """How far to either side of a line the pixels of the first fit lie; a seed is better than that."""
 LEAST_CONTRAST = 0.1
-"""Part of the full range that an image's grey values must span for a board to be looked for that
-is not the stated one."""
+"""Part of the full range that an image's grey values must span to show a board."""
 
 PART_OF_LARGER = 0.5
 """Part of the next row of corners that must be full saddles for the board to go on there: at most
@@ -352,8 +351,9 @@ def _not_found(image: Image, board: Board, view: str) -> BoardNotFoundError:
     """Say that there is no board, and why that may be."""
     across, down = board.squares
     what = f"{view}: no {board.kind} of {across}×{down} squares was found"
-    lit = not _is_faint(image)
-    seen = _board_of_other_size(image, board) if board.kind == "checkerboard" and lit else None
+    light = _Light.of(image)
+    searched = board.kind == "checkerboard" and not light.faint
+    seen = _board_of_other_size(image, board) if searched else None
     if seen is not None:
         return BoardNotFoundError(
             f"{what}; the image shows one of {seen[0]}×{seen[1]} squares",
@@ -362,7 +362,7 @@ def _not_found(image: Image, board: Board, view: str) -> BoardNotFoundError:
                 f"{across}×{down}: correct squares there, or show the whole board"
             ),
         )
-    reason, next_step = _likely_cause(image)
+    reason, next_step = _likely_cause(light)
     return BoardNotFoundError(f"{what} ({reason})", next_step=next_step)
 
 
@@ -379,27 +379,34 @@ def _board_of_other_size(image: Image, board: Board) -> tuple[int, int] | None:
     return None
 
 
-def _is_faint(image: Image) -> bool:
-    """Tell whether an image has too little contrast to show a board."""
-    dark, bright = np.percentile(_rows(image), [1, 99])
-    return bool(bright - dark < LEAST_CONTRAST * np.iinfo(image.dtype).max)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Light:
+    """About 500 rows of an image, their 1 and 99 percentiles, and the full scale."""
+
+    rows: Floats
+    dark: float
+    bright: float
+    full: float
+
+    @classmethod
+    def of(cls, image: Image) -> _Light:
+        rows = image[:: max(1, image.shape[0] // 500)].astype(np.float64)
+        dark, bright = np.percentile(rows, [1, 99])
+        return cls(rows, float(dark), float(bright), float(np.iinfo(image.dtype).max))
+
+    @property
+    def faint(self) -> bool:
+        """Whether there is too little contrast to show a board."""
+        return self.bright - self.dark < LEAST_CONTRAST * self.full
 
 
-def _rows(image: Image) -> Floats:
-    """Return about 500 of an image's rows."""
-    return np.asarray(image[:: max(1, image.shape[0] // 500)], dtype=np.float64)
-
-
-def _likely_cause(image: Image) -> tuple[str, str]:
-    """Describe the image's light and sharpness, and what follows from them."""
-    full = float(np.iinfo(image.dtype).max)
-    sample = _rows(image)
-    dark, bright = np.percentile(sample, [1, 99])
-    steepest = float(np.percentile(np.abs(np.diff(sample, axis=1)), 99.8))
-    edge_px = (bright - dark) / max(steepest, 1e-9)
-    clipped = float((sample >= full).mean())
-    light = f"grey values from {dark:.0f} to {bright:.0f} of {full:.0f}"
-    if _is_faint(image):
+def _likely_cause(seen: _Light) -> tuple[str, str]:
+    """Describe an image's light and sharpness, and what follows from them."""
+    steepest = float(np.percentile(np.abs(np.diff(seen.rows, axis=1)), 99.8))
+    edge_px = (seen.bright - seen.dark) / max(steepest, 1e-9)
+    clipped = float((seen.rows >= seen.full).mean())
+    light = f"grey values from {seen.dark:.0f} to {seen.bright:.0f} of {seen.full:.0f}"
+    if seen.faint:
         return f"{light}: too little contrast", "light the board more, or expose longer"
     if clipped > 0.3:
         return f"{clipped:.0%} of the pixels are saturated", "expose less, and avoid reflections"

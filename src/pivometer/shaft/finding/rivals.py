@@ -60,7 +60,10 @@ def turning_things(table: PairTable) -> list[Turning]:
         if motion is None:
             break
         if motion.frames < least:
-            table = table.rows(motion.agreement(table) < AGREEING * table.weight)
+            apart = motion.agreement(table) < AGREEING * table.weight
+            if apart.all():
+                break  # another look would find the same
+            table = table.rows(apart)
             continue
         fits = motion.agreement(table)
         support = float(fits[table.best_per_frame(fits)].sum())
